@@ -1,6 +1,51 @@
-"""The mathematics of gpx-lcp: the stacked system, every program it can be posed as, and the certificate."""
+"""The mathematics of gpx-lcp: the stacked system, every program it can be posed as, and the certificate.
 
+Read `system` first (A F dt = B), then `coulomb` (the law), then the programs that approximate it, one file each:
+`normal`, `box`, `pyramid`, `cone`. `certificate` judges all of them by the same law; `two_body` is where it began.
+"""
+
+from formulations.box import box_impulse, box_lcp, box_residual
+from formulations.certificate import Certificate, certify
+from formulations.cone import cone_qp, cone_residual, cone_rows
+from formulations.coulomb import coulomb_residual
 from formulations.errors import GpxLcpError, ProblemError, SettingsError
+from formulations.lcp import LCP
+from formulations.normal import normal_impulse, normal_lcp, normal_qp, normal_residual
+from formulations.pyramid import (
+    DEFAULT_FACETS,
+    pyramid_impulse,
+    pyramid_lcp,
+    pyramid_qp,
+    pyramid_qp_residual,
+    pyramid_residual,
+)
+from formulations.qp import QP
 from formulations.system import StackedSystem
 
-__all__ = ["GpxLcpError", "ProblemError", "SettingsError", "StackedSystem"]
+__all__ = [
+    "DEFAULT_FACETS",
+    "LCP",
+    "QP",
+    "Certificate",
+    "GpxLcpError",
+    "ProblemError",
+    "SettingsError",
+    "StackedSystem",
+    "box_impulse",
+    "box_lcp",
+    "box_residual",
+    "certify",
+    "cone_qp",
+    "cone_residual",
+    "cone_rows",
+    "coulomb_residual",
+    "normal_impulse",
+    "normal_lcp",
+    "normal_qp",
+    "normal_residual",
+    "pyramid_impulse",
+    "pyramid_lcp",
+    "pyramid_qp",
+    "pyramid_qp_residual",
+    "pyramid_residual",
+]

@@ -172,6 +172,24 @@ class StackedSystem:
         """Return the contact velocities u = A p - B after the impulses, (n, rows), m/s."""
         return self.apply(impulse) - self.B.reshape(self.contacts, self.rows)
 
+    def normalised(self) -> tuple[StackedSystem, Array]:
+        """Return the same problem without units, and the factors (n,) that turn its impulses back into N s.
+
+        With S = diag(1/√d_i), contact by contact, the problem A' = S A S, B' = S B / ‖S B‖ has unit diagonals and data
+        of size one; p = ‖S B‖ S p'. The friction cones stay as they are. B must not be zero.
+        """
+        largest = float(self.scale.max())
+        factors = 1.0 / np.sqrt(np.where(self.scale > 0.0, self.scale, largest if largest > 0.0 else 1.0))
+        rows = np.repeat(factors, self.rows)
+        right = rows * self.B
+        size = float(np.linalg.norm(right))
+        if isinstance(self.A, np.ndarray):
+            matrix: Matrix = rows[:, None] * self.A * rows
+        else:
+            weights = sp.dia_array((rows[None, :], [0]), shape=self.A.shape)
+            matrix = sp.csr_array(weights @ self.A @ weights)
+        return StackedSystem(matrix, right / size, self.friction), size * factors
+
     def body_velocity_change(self, impulse: Array) -> Array:
         """Return M⁻¹ Jᵀ p, (nv,), m/s and rad/s; needs the form with J and M⁻¹."""
         if self.jacobian is None or self.inverse_mass is None:

@@ -1,0 +1,73 @@
+"""What comes back from a solver, always, also when it failed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any
+
+from formulations.certificate import Certificate
+from formulations.checks import Array
+
+
+class Status(Enum):
+    """Why a solver stopped. The value of each says what it means and what to do next."""
+
+    SOLVED = "The residual of the program is within the tolerance."
+    MAX_ITERATIONS = "The limit of iterations or of time was reached: raise it, warm-start, or take a direct solver."
+    STALLED = "No further progress is possible here: accept the certificate's figure, or take another solver."
+    INFEASIBLE = "No impulses satisfy the program: see the infeasibility certificate in extras['infeasibility']."
+    NUMERICAL_ERROR = "The arithmetic broke down: check the scaling of the system; the best iterate is returned."
+
+    def __repr__(self) -> str:
+        return f"Status.{self.name}"
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The best impulses found, with what is true of them.
+
+    Attributes
+    ----------
+    impulse : (n, rows) array, N s
+        Contact impulses on body b, normal first.
+    velocity : (n, rows) array, m/s
+        Contact velocities after the impulses, u = A p - B.
+    status : Status
+        SOLVED only where `program_residual` is within the tolerance, whatever the solver itself says.
+    certificate : Certificate
+        The impulses against the exact Coulomb law, whatever program was solved.
+    program_residual : float
+        The residual of the program that was solved (its own natural map, scale-free).
+    method : str
+        What really ran: program/solver, e.g. "coulomb/pgs".
+    fallbacks : tuple of str
+        What was tried before or after it, in order.
+    iterations : int
+    setup_seconds, solve_seconds : float
+        Wall time of posing, scaling and factoring, and of solving.
+    history : tuple of (int, float)
+        Residual of the program after so many iterations, where the solver tells.
+    extras : mapping
+        The solver's own figures.
+    """
+
+    impulse: Array
+    velocity: Array
+    status: Status
+    certificate: Certificate
+    program_residual: float
+    method: str
+    fallbacks: tuple[str, ...]
+    iterations: int
+    setup_seconds: float
+    solve_seconds: float
+    history: tuple[tuple[int, float], ...] = ()
+    extras: Mapping[str, Any] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return (
+            f"Solution({self.status.name}, {self.method}, natural_map {self.certificate.natural_map:.2g}, "
+            f"{self.iterations} iterations, {1e3 * self.solve_seconds:.3g} ms)"
+        )

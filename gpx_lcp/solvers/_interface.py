@@ -1,0 +1,85 @@
+"""What every solver is given, and what it gives back: the two types that keep solvers apart from everything else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from formulations import StackedSystem
+from formulations.checks import Array
+from gpx_lcp.solution import Status
+
+
+@dataclass(frozen=True)
+class Request:
+    """A question that has been checked: at least one contact, B not zero, settings known to the solver.
+
+    Attributes
+    ----------
+    tolerance : float
+        Bound on the residual of the program that the solver solves (its scale-free natural map).
+    max_iterations : int or None
+        None stands for the solver's own limit.
+    time_limit : float or None, s
+    warm_start : (n, rows) array or None, N s
+        Finite, of the right shape and inside the friction cones.
+    settings : mapping
+        The solver's own settings, every one of them, defaults filled in.
+    """
+
+    system: StackedSystem
+    formulation: str
+    tolerance: float
+    max_iterations: int | None
+    time_limit: float | None
+    warm_start: Array | None
+    settings: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a solver found; `gpx_lcp.solve` judges it and makes the Solution.
+
+    Attributes
+    ----------
+    impulse : (n, rows) array, N s
+        The best iterate, finite.
+    status : Status
+        Why the solver stopped, in its own opinion.
+    program : str
+        The program it solved, a key of `formulations.RESIDUALS`.
+    """
+
+    impulse: Array
+    status: Status
+    program: str
+    iterations: int
+    setup_seconds: float
+    solve_seconds: float
+    history: tuple[tuple[int, float], ...] = ()
+    fallbacks: tuple[str, ...] = ()
+    extras: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Solver:
+    """A row of the table of solvers.
+
+    Attributes
+    ----------
+    programs : mapping
+        The formulations it solves, and as which program: {"pyramid": "Stewart-Trinkle LCP"}.
+    defaults : mapping
+        Its own settings and their defaults; any other setting is refused.
+    install : str
+        The command that installs it where it is missing; empty for the solvers of gpx-lcp itself.
+    """
+
+    name: str
+    method: str
+    programs: Mapping[str, str]
+    run: Callable[[Request], Outcome]
+    warm_starts: bool = False
+    defaults: Mapping[str, Any] = field(default_factory=dict)
+    install: str = ""
