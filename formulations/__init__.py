@@ -11,6 +11,7 @@ from formulations.coulomb import coulomb_residual
 from formulations.errors import GpxLcpError, ProblemError, SettingsError
 from formulations.lcp import LCP
 from formulations.normal import normal_impulse, normal_lcp, normal_qp, normal_residual
+from formulations.programs import FORMULATIONS, RESIDUALS
 from formulations.pyramid import (
     DEFAULT_FACETS,
     pyramid_impulse,
@@ -21,12 +22,16 @@ from formulations.pyramid import (
 )
 from formulations.qp import QP
 from formulations.system import StackedSystem
+from formulations.two_body import ElasticityWarning, pair_elasticity, two_body_impulse, two_body_impulse_along
 
 __all__ = [
     "DEFAULT_FACETS",
+    "FORMULATIONS",
     "LCP",
     "QP",
+    "RESIDUALS",
     "Certificate",
+    "ElasticityWarning",
     "GpxLcpError",
     "ProblemError",
     "SettingsError",
@@ -43,9 +48,12 @@ __all__ = [
     "normal_lcp",
     "normal_qp",
     "normal_residual",
+    "pair_elasticity",
     "pyramid_impulse",
     "pyramid_lcp",
     "pyramid_qp",
     "pyramid_qp_residual",
     "pyramid_residual",
+    "two_body_impulse",
+    "two_body_impulse_along",
 ]

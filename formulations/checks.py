@@ -25,7 +25,12 @@ def as_array(name: str, value: npt.ArrayLike, shape: Sequence[int | None]) -> Ar
     if array.ndim != len(shape) or any(
         want is not None and have != want for have, want in zip(array.shape, shape, strict=True)
     ):
-        wanted = "(" + ", ".join("n" if want is None else str(want) for want in shape) + ("," if len(shape) == 1 else "") + ")"
+        wanted = (
+            "("
+            + ", ".join("n" if want is None else str(want) for want in shape)
+            + ("," if len(shape) == 1 else "")
+            + ")"
+        )
         raise ProblemError(f"{name} has shape {array.shape}, but {wanted} is needed")
     require_finite(name, array)
     return array

@@ -275,7 +275,8 @@ def _checked_inverse_mass(value: Any) -> Array:
 
 def _block_size(row: npt.NDArray[Any], column: npt.NDArray[Any], size: int) -> int:
     return next(
-        (block for block in range(1, size) if size % block == 0 and (row // block == column // block).all()), max(size, 1)
+        (block for block in range(1, size) if size % block == 0 and (row // block == column // block).all()),
+        max(size, 1),
     )
 
 
@@ -295,7 +296,9 @@ def _checked_jacobian(jacobian: Any, rows: int, columns: int, blocksize: tuple[i
         block, row, column = (int(i) for i in np.argwhere(~np.isfinite(blocks.data))[0])
         contact = int(np.searchsorted(blocks.indptr, block, side="right")) - 1
         at = (contact * blocksize[0] + row, int(blocks.indices[block]) * blocksize[1] + column)
-        raise ProblemError(f"jacobian[{at[0]}, {at[1]}] is {blocks.data[block, row, column]}: every entry must be finite")
+        raise ProblemError(
+            f"jacobian[{at[0]}, {at[1]}] is {blocks.data[block, row, column]}: every entry must be finite"
+        )
     blocks.data.flags.writeable = False
     return blocks
 

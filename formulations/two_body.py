@@ -185,7 +185,9 @@ def checked_elasticity(name: str, value: npt.ArrayLike, *, allow: str | None, pa
     e = as_array(name, value, (None,))
     for index, one in enumerate(e):
         if one < 0.0:
-            raise ProblemError(f"{name}[{index}] is {one:g}: below 0 the force would be reversed; 1 is plastic, 2 elastic")
+            raise ProblemError(
+                f"{name}[{index}] is {one:g}: below 0 the force would be reversed; 1 is plastic, 2 elastic"
+            )
         if 0.0 < one < 1.0 and not partial:
             if allow != "tunnelling":
                 raise ProblemError(

@@ -1,15 +1,44 @@
 """Multi-body contact as one stacked system A F dt = B, solved and certified."""
 
-from formulations import StackedSystem
+from formulations import (
+    LCP,
+    Certificate,
+    ElasticityWarning,
+    StackedSystem,
+    certify,
+    two_body_impulse,
+    two_body_impulse_along,
+)
 from gpx_lcp._core import BUILD_PROFILE
 from gpx_lcp.errors import BackendError, BackendMissing, GpxLcpError, ProblemError, SettingsError
+from gpx_lcp.fclib import FclibProblem, read_fclib, write_fclib
+from gpx_lcp.solution import Solution, Status
+from gpx_lcp.solve import solve
+from gpx_lcp.solvers import SolverTable, solvers
+from gpx_lcp.solvers.lemke import LCPSolution, solve_lcp
 
 __all__ = [
     "BUILD_PROFILE",
+    "LCP",
     "BackendError",
     "BackendMissing",
+    "Certificate",
+    "ElasticityWarning",
+    "FclibProblem",
     "GpxLcpError",
+    "LCPSolution",
     "ProblemError",
     "SettingsError",
+    "Solution",
+    "SolverTable",
     "StackedSystem",
+    "Status",
+    "certify",
+    "read_fclib",
+    "solve",
+    "solve_lcp",
+    "solvers",
+    "two_body_impulse",
+    "two_body_impulse_along",
+    "write_fclib",
 ]

@@ -24,6 +24,8 @@ class Request:
     time_limit : float or None, s
     warm_start : (n, rows) array or None, N s
         Finite, of the right shape and inside the friction cones.
+    facets : int
+        Of the pyramids, where the formulation has any.
     settings : mapping
         The solver's own settings, every one of them, defaults filled in.
     """
@@ -34,6 +36,7 @@ class Request:
     max_iterations: int | None
     time_limit: float | None
     warm_start: Array | None
+    facets: int
     settings: Mapping[str, Any]
 
 
@@ -70,8 +73,10 @@ class Solver:
     ----------
     programs : mapping
         The formulations it solves, and as which program: {"pyramid": "Stewart-Trinkle LCP"}.
-    defaults : mapping
-        Its own settings and their defaults; any other setting is refused.
+    defaults : mapping or None
+        Its own settings and their defaults; any other setting is refused. None passes every setting on to the backend,
+        which knows its own.
+    installed : bool
     install : str
         The command that installs it where it is missing; empty for the solvers of gpx-lcp itself.
     """
@@ -81,5 +86,12 @@ class Solver:
     programs: Mapping[str, str]
     run: Callable[[Request], Outcome]
     warm_starts: bool = False
-    defaults: Mapping[str, Any] = field(default_factory=dict)
+    defaults: Mapping[str, Any] | None = field(default_factory=dict)
+    installed: bool = True
     install: str = ""
+
+    def default_formulation(self, frictionless: bool) -> str:
+        """Return the formulation meant where none is named: the closest to Coulomb's law that this solver solves."""
+        if frictionless and "normal" in self.programs:
+            return "normal"
+        return next(name for name in ("coulomb", "pyramid", "cone", "box", "normal") if name in self.programs)

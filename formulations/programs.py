@@ -1,0 +1,29 @@
+"""The names of the programs, and the one way to judge a solution of each by its own equations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Final
+
+from formulations.box import box_residual
+from formulations.checks import Array
+from formulations.cone import cone_residual
+from formulations.coulomb import coulomb_residual
+from formulations.normal import normal_residual
+from formulations.pyramid import pyramid_qp_residual, pyramid_residual
+from formulations.system import StackedSystem
+
+FORMULATIONS: Final = ("normal", "box", "pyramid", "cone", "coulomb")
+
+# Every program takes the facets, although only the pyramids have any, so that nobody has to branch on the name.
+RESIDUALS: Final[Mapping[str, Callable[[StackedSystem, Array, int], float]]] = MappingProxyType(
+    {
+        "normal": lambda system, impulse, facets: normal_residual(system, impulse),
+        "box": lambda system, impulse, facets: box_residual(system, impulse),
+        "pyramid": pyramid_residual,
+        "pyramid_qp": pyramid_qp_residual,
+        "cone": lambda system, impulse, facets: cone_residual(system, impulse),
+        "coulomb": lambda system, impulse, facets: coulomb_residual(system, impulse),
+    }
+)

@@ -1,0 +1,306 @@
+"""Lemke's method with the lexicographic ratio test: a direct solver for every LCP form.
+
+The LCP is augmented by one artificial variable, w = M z + q + d z₀. Starting from z₀ large enough, complementary
+pivots keep w ⟂ z in all but one pair until z₀ leaves the basis (a solution) or the entering variable can grow without
+end (a secondary ray). For copositive-plus M, which every contact program here has, a ray proves that the constraints
+M z + q ≥ 0, z ≥ 0 have no point, and its direction is the Farkas certificate. Lexicographic comparison of the rows of
+the basis inverse settles ties, so that redundant contacts cannot make it cycle.
+
+Source: C. E. Lemke, *Bimatrix equilibrium points and mathematical programming*, Manage. Sci. 11 (1965); R. W. Cottle,
+J.-S. Pang, R. E. Stone, *The Linear Complementarity Problem* (1992), algorithms 4.4.5 and 4.9.3.
+
+Departures: (1) the inverse of the basis is kept instead of the tableau, refreshed every `REFRESH` pivots; (2) the last
+basis is factored once more and its solution refined, so that the answer carries no error of the pivots.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import scipy.linalg as la
+from scipy.optimize import linprog
+
+from formulations import (
+    LCP,
+    SettingsError,
+    StackedSystem,
+    box_impulse,
+    box_lcp,
+    normal_impulse,
+    normal_lcp,
+    pyramid_impulse,
+    pyramid_lcp,
+)
+from formulations.checks import Array
+from gpx_lcp.solution import Status
+from gpx_lcp.solvers._interface import Outcome, Request, Solver
+
+REFRESH: Final = 100
+# Entries of a pivot column below this share of its largest one are rounding, not pivots.
+PIVOT_TOLERANCE: Final = 1e-10
+# Ratios closer than this share of the largest basic variable are ties, which the lexicographic test decides.
+TIE_TOLERANCE: Final = 1e-12
+PIVOTS_PER_UNKNOWN: Final = 50
+
+
+@dataclass(frozen=True)
+class LCPSolution:
+    """What became of an LCP.
+
+    Attributes
+    ----------
+    z, w : (n,) arrays
+        The best point found; w = M z + q.
+    status : Status
+        SOLVED, INFEASIBLE with a certificate, STALLED at a ray that proves nothing, MAX_ITERATIONS or NUMERICAL_ERROR.
+    residual : float
+        ‖min(z, w)‖ / ‖q‖, see `LCP.residual`.
+    iterations : int
+        Pivots.
+    infeasibility : (n,) array or None
+        y ≥ 0 with Mᵀ y ≤ 0 and qᵀ y < 0: proof that no z ≥ 0 has M z + q ≥ 0.
+    """
+
+    z: Array
+    w: Array
+    status: Status
+    residual: float
+    iterations: int
+    infeasibility: Array | None = None
+
+
+def solve_lcp(
+    M: npt.ArrayLike,
+    q: npt.ArrayLike,
+    *,
+    tolerance: float = 1e-8,
+    max_iterations: int | None = None,
+    time_limit: float | None = None,
+) -> LCPSolution:
+    """Solve 0 ≤ z ⟂ M z + q ≥ 0 by Lemke's method.
+
+    Parameters
+    ----------
+    M : (n, n) array
+    q : (n,) array
+    tolerance : float
+        Bound on the residual ‖min(z, w)‖ / ‖q‖ of a point that is called SOLVED.
+    max_iterations : int, optional
+        Pivots; 50 n unless given.
+    time_limit : float, optional, s
+
+    Raises
+    ------
+    ProblemError
+        When M and q do not fit each other or are not finite.
+    SettingsError
+        When the tolerance is not positive.
+    """
+    if not tolerance > 0.0:
+        raise SettingsError(f"tolerance is {tolerance!r}: it must be positive")
+    lcp = LCP(M, q)
+    # Pivots see data of size one, so that their tolerances have no unit; w and z₀ scale with q, z with q over M.
+    matrix_size, vector_size = (float(np.abs(part).max(initial=0.0)) or 1.0 for part in (lcp.M, lcp.q))
+    pivots = _Pivots(LCP(lcp.M / matrix_size, lcp.q / vector_size))
+    limit = PIVOTS_PER_UNKNOWN * lcp.q.size if max_iterations is None else max_iterations
+    status = pivots.run(limit, None if time_limit is None else perf_counter() + time_limit)
+    z = pivots.solution() * (vector_size / matrix_size)
+    if not np.isfinite(z).all():
+        z, status = np.zeros_like(z), Status.NUMERICAL_ERROR
+    residual = lcp.residual(z)
+    infeasibility = None
+    if residual <= tolerance:
+        status = Status.SOLVED
+    elif status is Status.SOLVED:
+        status = Status.NUMERICAL_ERROR
+    elif status is Status.INFEASIBLE:
+        infeasibility = _proof(lcp, pivots.ray())
+        status = Status.STALLED if infeasibility is None else Status.INFEASIBLE
+    return LCPSolution(z, lcp.M @ z + lcp.q, status, residual, pivots.count, infeasibility)
+
+
+class _Pivots:
+    """The basis and its inverse. Variables 0 … n-1 are w, n … 2n-1 are z, 2n is z₀."""
+
+    def __init__(self, lcp: LCP) -> None:
+        self.lcp = lcp
+        self.size = lcp.q.size
+        self.cover = np.ones(self.size)
+        self.basis = np.arange(self.size)
+        self.inverse = np.eye(self.size, order="F")
+        self.value = lcp.q.copy()
+        self.count = 0
+        self.entering = 2 * self.size
+        self.direction = np.zeros(self.size)
+
+    def column(self, variable: int) -> Array:
+        """Return the column of a variable in w - M z - d z₀ = q."""
+        if variable == 2 * self.size:
+            return -self.cover
+        if variable >= self.size:
+            return -self.lcp.M[:, variable - self.size]
+        unit = np.zeros(self.size)
+        unit[variable] = 1.0
+        return unit
+
+    def run(self, limit: int, deadline: float | None) -> Status:
+        """Pivot until z₀ leaves (SOLVED), a ray appears (INFEASIBLE, unproved yet) or the limit is reached."""
+        if self.size == 0 or self.lcp.q.min() >= 0.0:
+            return Status.SOLVED
+        # The first pivot makes every basic variable lexicographically positive: the row of the least q/d leaves.
+        ratios = self.value / self.cover
+        ties = np.flatnonzero(ratios <= ratios.min() + TIE_TOLERANCE * np.abs(ratios).max())
+        self.pivot(int(ties[-1]), -self.cover)
+        while self.count < limit:
+            if deadline is not None and perf_counter() > deadline:
+                return Status.MAX_ITERATIONS
+            self.direction = self.inverse @ self.column(self.entering)
+            row = self.leaving_row()
+            if row is None:
+                return Status.INFEASIBLE
+            done = self.basis[row] == 2 * self.size
+            self.pivot(row, self.direction)
+            if done:
+                return Status.SOLVED
+        return Status.MAX_ITERATIONS
+
+    def leaving_row(self) -> int | None:
+        """Return the row of the lexicographically least ratio, or None at a ray."""
+        direction = self.direction
+        rows = np.flatnonzero(direction > PIVOT_TOLERANCE * max(1.0, float(np.abs(direction).max())))
+        if rows.size == 0:
+            return None
+        ratios = self.value[rows] / direction[rows]
+        rows = rows[ratios <= ratios.min() + TIE_TOLERANCE * max(1.0, float(np.abs(self.value).max()))]
+        artificial = np.flatnonzero(self.basis[rows] == 2 * self.size)
+        if artificial.size:
+            return int(rows[artificial[0]])
+        for column in range(self.size):
+            if rows.size == 1:
+                break
+            ratios = self.inverse[rows, column] / direction[rows]
+            rows = rows[ratios <= ratios.min() + TIE_TOLERANCE * max(1.0, float(np.abs(ratios).max()))]
+        return int(rows[np.argmax(direction[rows])])
+
+    def pivot(self, row: int, direction: Array) -> None:
+        """Exchange the entering variable for the basic one of `row`; its complement enters next."""
+        leaving = int(self.basis[row])
+        self.basis[row] = self.entering
+        self.entering = (leaving + self.size) % (2 * self.size) if leaving < 2 * self.size else leaving
+        self.count += 1
+        ratio = float(self.value[row] / direction[row])
+        self.value -= ratio * direction
+        self.value[row] = ratio
+        pivot_row = self.inverse[row] / direction[row]
+        self.inverse = la.blas.dger(-1.0, direction, pivot_row, a=self.inverse, overwrite_a=True)
+        self.inverse[row] = pivot_row
+        if self.count % REFRESH == 0:
+            self.refresh()
+
+    def refresh(self) -> None:
+        """Invert the basis afresh. A basis is never singular, except by rounding: then the pivots go on as they are."""
+        try:
+            self.inverse = np.asfortranarray(la.inv(self.matrix()))
+        except la.LinAlgError:
+            return
+        self.value = self.inverse @ self.lcp.q
+
+    def matrix(self) -> Array:
+        return np.column_stack([self.column(int(variable)) for variable in self.basis])
+
+    def solution(self) -> Array:
+        """Return z of the present basis, from a fresh factorisation with one step of refinement."""
+        z = np.zeros(self.size)
+        if self.size == 0:
+            return z
+        matrix = self.matrix()
+        with warnings.catch_warnings():
+            # A zero pivot shows as a value that is not finite, which the caller reports.
+            warnings.simplefilter("ignore", la.LinAlgWarning)
+            factors = la.lu_factor(matrix)
+        value = la.lu_solve(factors, self.lcp.q)
+        value += la.lu_solve(factors, self.lcp.q - matrix @ value)
+        basic = (self.basis >= self.size) & (self.basis < 2 * self.size)
+        z[self.basis[basic] - self.size] = np.maximum(value[basic], 0.0)
+        return z
+
+    def ray(self) -> Array:
+        """Return the z part of the direction in which the entering variable grows without end."""
+        z = np.zeros(self.size)
+        basic = (self.basis >= self.size) & (self.basis < 2 * self.size)
+        z[self.basis[basic] - self.size] = -self.direction[basic]
+        if self.size <= self.entering < 2 * self.size:
+            z[self.entering - self.size] = 1.0
+        return z
+
+
+def _proof(lcp: LCP, ray: Array) -> Array | None:
+    """Return a certificate of infeasibility: the ray itself where it is one, else what a linear program finds."""
+    ray = np.maximum(ray, 0.0)
+    if lcp.proves_infeasible(ray):
+        return np.asarray(ray / ray.max())
+    size = lcp.q.size
+    result = linprog(
+        np.ones(size), A_ub=lcp.M.T, b_ub=np.zeros(size), A_eq=lcp.q[None, :], b_eq=[-1.0], bounds=(0, None)
+    )
+    if result.status == 0 and lcp.proves_infeasible(result.x):
+        return np.asarray(result.x / result.x.max())
+    return None
+
+
+@dataclass(frozen=True)
+class _Form:
+    """How a formulation becomes an LCP, and its z impulses again."""
+
+    pose: Callable[[StackedSystem, int], LCP]
+    impulse: Callable[[StackedSystem, Array, int], Array]
+
+
+_FORMS: Final[Mapping[str, _Form]] = {
+    "normal": _Form(lambda system, _: normal_lcp(system), lambda system, z, _: normal_impulse(system, z)),
+    "box": _Form(lambda system, _: box_lcp(system), lambda system, z, _: box_impulse(system, z)),
+    "pyramid": _Form(pyramid_lcp, pyramid_impulse),
+}
+
+
+def _run(request: Request) -> Outcome:
+    start = perf_counter()
+    form = _FORMS[request.formulation]
+    system, factors = request.system.normalised()
+    lcp = form.pose(system, request.facets)
+    posed = perf_counter()
+    found = solve_lcp(
+        lcp.M,
+        lcp.q,
+        tolerance=request.tolerance,
+        max_iterations=request.max_iterations,
+        time_limit=request.time_limit,
+    )
+    finished = perf_counter()
+    extras: dict[str, object] = {"unknowns": lcp.q.size}
+    if found.infeasibility is not None:
+        ray = factors[:, None] * form.impulse(system, found.infeasibility, request.facets)
+        extras["infeasibility"] = ray / np.abs(ray).max()
+    return Outcome(
+        impulse=factors[:, None] * form.impulse(system, found.z, request.facets),
+        status=found.status,
+        program=request.formulation,
+        iterations=found.iterations,
+        setup_seconds=posed - start,
+        solve_seconds=finished - posed,
+        extras=extras,
+    )
+
+
+SOLVER: Final = Solver(
+    name="lemke",
+    method="direct: Lemke's complementary pivoting, lexicographic",
+    programs={"normal": "LCP", "box": "boxed LCP", "pyramid": "Stewart-Trinkle LCP"},
+    run=_run,
+)
