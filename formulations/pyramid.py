@@ -136,5 +136,5 @@ def _bounds(system: StackedSystem, groups: Sequence[Array]) -> tuple[Array, Arra
         capacity[0, 1 + directions + number] = 1.0
         first += len(group)
     eye = np.eye(system.contacts)
-    coupling = np.kron(eye, spread)
+    coupling = np.kron(eye, spread).astype(np.float64)
     return coupling - np.kron(np.diag(system.friction), capacity), coupling

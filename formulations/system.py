@@ -12,7 +12,7 @@ allowed is not said here: that is the formulation's business.
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -21,9 +21,10 @@ import scipy.sparse as sp
 from formulations.checks import Array, as_array, freeze, require_at_least, require_finite
 from formulations.errors import ProblemError
 
-Matrix = Array | sp.csr_array
+# Dense, or scipy.sparse in compressed rows.
+Matrix: TypeAlias = Any
 
-# Real problem files carry six digits, which makes their A asymmetric by up to 2.5e-3; beyond this, it is no Delassus matrix.
+# Real problem files carry six digits, which makes their A asymmetric by up to 2.5e-3; beyond this it is a mistake.
 ASYMMETRY_LIMIT: Final = 1e-2
 
 
@@ -94,9 +95,8 @@ class StackedSystem:
         self.inverse_mass = freeze(_checked_inverse_mass(inverse_mass))
         bodies, body_size, _ = self.inverse_mass.shape
         self.jacobian = _checked_jacobian(jacobian, self.B.size, bodies * body_size, (self.rows, body_size))
-        self.free_velocity = None
-        if free_velocity is not None:
-            self.free_velocity = freeze(as_array("free_velocity", free_velocity, (bodies * body_size,)))
+        size = (bodies * body_size,)
+        self.free_velocity = None if free_velocity is None else freeze(as_array("free_velocity", free_velocity, size))
         return self
 
     def _start(self, B: npt.ArrayLike, friction: npt.ArrayLike) -> None:
@@ -179,7 +179,7 @@ class StackedSystem:
         of size one; p = ‖S B‖ S p'. The friction cones stay as they are. B must not be zero.
         """
         largest = float(self.scale.max())
-        factors = 1.0 / np.sqrt(np.where(self.scale > 0.0, self.scale, largest if largest > 0.0 else 1.0))
+        factors: Array = 1.0 / np.sqrt(np.where(self.scale > 0.0, self.scale, largest if largest > 0.0 else 1.0))
         rows = np.repeat(factors, self.rows)
         right = rows * self.B
         size = float(np.linalg.norm(right))
@@ -196,7 +196,7 @@ class StackedSystem:
             raise ProblemError("the system carries A alone: body velocities need StackedSystem.from_jacobian")
         bodies, body_size, _ = self.inverse_mass.shape
         wrench = np.asarray(self.jacobian.T @ impulse.reshape(-1)).reshape(bodies, body_size)
-        return np.einsum("bde,be->bd", self.inverse_mass, wrench).reshape(-1)
+        return np.asarray(np.einsum("bde,be->bd", self.inverse_mass, wrench)).reshape(-1)
 
 
 def _checked_delassus(A: Any, size: int) -> Matrix:
@@ -306,6 +306,6 @@ def _checked_jacobian(jacobian: Any, rows: int, columns: int, blocksize: tuple[i
 def _semidefinite_factors(blocks: Array) -> Array:
     """Return L of each symmetric positive semidefinite block, block = L Lᵀ; a locked axis gives a column of zeros."""
     if blocks.shape[1] == 1:
-        return np.sqrt(blocks)
+        return np.asarray(np.sqrt(blocks))
     values, vectors = np.linalg.eigh(blocks)
-    return vectors * np.sqrt(np.clip(values, 0.0, None))[:, None, :]
+    return np.asarray(vectors * np.sqrt(np.clip(values, 0.0, None))[:, None, :])

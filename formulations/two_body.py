@@ -95,10 +95,8 @@ def two_body_impulse(
     inverse = 1.0 / m
     A = float(inverse.sum())
     if rule == "paper":
-        B = float(e[0] * v[0] - e[1] * v[1])
-    else:
-        B = pair_elasticity(m, e) * float(v[0] - v[1])
-    return B / A
+        return float(e[0] * v[0] - e[1] * v[1]) / A
+    return float(pair_elasticity(m, e) * (v[0] - v[1])) / A
 
 
 def two_body_impulse_along(
@@ -162,10 +160,10 @@ def two_body_impulse_along(
     return np.asarray(B / (1.0 / m).sum())
 
 
-def pair_elasticity(mass: Array, elasticity: Array) -> Array | float:
+def pair_elasticity(mass: Array, elasticity: Array) -> Array:
     """Return (e1 m2 + e2 m1)/(m1 + m2), the frame-independent elasticity of a pair; e1 where m2 is infinite."""
     inverse = 1.0 / mass
-    return (elasticity[0] * inverse[0] + elasticity[1] * inverse[1]) / inverse.sum()
+    return np.asarray((elasticity[0] * inverse[0] + elasticity[1] * inverse[1]) / inverse.sum())
 
 
 def checked_elasticity(name: str, value: npt.ArrayLike, *, allow: str | None, partial: bool = False) -> Array:
@@ -198,7 +196,8 @@ def checked_elasticity(name: str, value: npt.ArrayLike, *, allow: str | None, pa
         if one > 2.0:
             if allow != "energy_gain":
                 raise ProblemError(
-                    f"{name}[{index}] is {one:g}: above 2 the collision gains energy; ask for it with allow='energy_gain'"
+                    f"{name}[{index}] is {one:g}: above 2 the collision gains energy; "
+                    "ask for it with allow='energy_gain'"
                 )
             warnings.warn(f"{name}[{index}] is {one:g}: the collision gains energy", ElasticityWarning, stacklevel=3)
     return e

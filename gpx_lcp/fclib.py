@@ -131,8 +131,8 @@ class _Reader:
         q = self.array(f"{LOCAL}/vectors/q")
         if q.size != dimension * friction.size:
             raise ProblemError(
-                f"{self.name}: {LOCAL}/vectors/q has length {q.size}, but {LOCAL}/vectors/mu has {friction.size} contacts "
-                f"of {dimension} rows"
+                f"{self.name}: {LOCAL}/vectors/q has length {q.size}, but {LOCAL}/vectors/mu has "
+                f"{friction.size} contacts of {dimension} rows"
             )
         shape = (friction.size, dimension)
         try:

@@ -108,7 +108,7 @@ def solve(
 
 def _default_formulation(system: StackedSystem, solver: str | None) -> str:
     frictionless = system.rows == 1 or not system.friction.any()
-    if solver in solvers():
+    if solver is not None and solver in solvers():
         return solvers()[solver].default_formulation(frictionless)
     return "normal" if frictionless else "coulomb"
 

@@ -31,7 +31,7 @@ class SolverTable(Mapping[str, Solver]):
         return len(self._rows)
 
     def __repr__(self) -> str:
-        rows = [("solver", *FORMULATIONS, "warm start", "method")]
+        rows: list[tuple[str, ...]] = [("solver", *FORMULATIONS, "warm start", "method")]
         for solver in (row for row in self._rows.values() if row.installed):
             solves = (solver.programs.get(formulation, "-") for formulation in FORMULATIONS)
             rows.append((solver.name, *solves, "yes" if solver.warm_starts else "-", solver.method))

@@ -149,6 +149,12 @@ class _Pivots:
         unit[variable] = 1.0
         return unit
 
+    def basis_direction(self, variable: int) -> Array:
+        """Return the column of a variable in terms of the basis: a column of the inverse itself for one of w."""
+        if variable < self.size:
+            return self.inverse[:, variable].copy()
+        return np.asarray(self.inverse @ self.column(variable))
+
     def run(self, limit: int, deadline: float | None) -> Status:
         """Pivot until z₀ leaves (SOLVED), a ray appears (INFEASIBLE, unproved yet) or the limit is reached."""
         if self.size == 0 or self.lcp.q.min() >= 0.0:
@@ -160,7 +166,7 @@ class _Pivots:
         while self.count < limit:
             if deadline is not None and perf_counter() > deadline:
                 return Status.MAX_ITERATIONS
-            self.direction = self.inverse @ self.column(self.entering)
+            self.direction = self.basis_direction(self.entering)
             row = self.leaving_row()
             if row is None:
                 return Status.INFEASIBLE
@@ -181,12 +187,13 @@ class _Pivots:
         artificial = np.flatnonzero(self.basis[rows] == 2 * self.size)
         if artificial.size:
             return int(rows[artificial[0]])
-        for column in range(self.size):
-            if rows.size == 1:
-                break
-            ratios = self.inverse[rows, column] / direction[rows]
-            rows = rows[ratios <= ratios.min() + TIE_TOLERANCE * max(1.0, float(np.abs(ratios).max()))]
-        return int(rows[np.argmax(direction[rows])])
+        best = int(rows[0])
+        for row in rows[1:]:
+            difference = self.inverse[row] / direction[row] - self.inverse[best] / direction[best]
+            decisive = np.flatnonzero(np.abs(difference) > TIE_TOLERANCE * max(1.0, float(np.abs(difference).max())))
+            if decisive.size and difference[decisive[0]] < 0.0:
+                best = int(row)
+        return best
 
     def pivot(self, row: int, direction: Array) -> None:
         """Exchange the entering variable for the basic one of `row`; its complement enters next."""

@@ -17,6 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 import qpsolvers
+import scipy.sparse as sp
 
 from formulations import QP, normal_impulse, normal_qp, pyramid_qp
 from formulations.checks import Array
@@ -50,8 +51,7 @@ _LIMIT: Final[Mapping[str, str]] = {
     "qpalm": "max_iter",
     "scs": "max_iters",
 }
-# OSQP's own limit of 4 000 iterations ends at about 1e-4 on a tower of ten; polishing costs one factorisation.
-_DEFAULTS: Final[Mapping[str, Mapping[str, Any]]] = {"osqp": {"polishing": True, "max_iter": 20_000}}
+_DEFAULTS: Final[Mapping[str, Mapping[str, Any]]] = {"osqp": {"max_iter": 20_000}}
 _WARM_STARTS: Final = ("osqp", "proxqp", "qpalm", "scs")
 
 
@@ -141,9 +141,19 @@ def _settings(name: str, request: Request) -> dict[str, Any]:
 
 
 def _problem(qp: QP, *, dense: bool) -> qpsolvers.Problem:
-    facets = None if qp.G is None else (qp.G.toarray() if dense else qp.G)
-    bound = None if facets is None else np.zeros(facets.shape[0])
-    return qpsolvers.Problem(qp.P.toarray() if dense else qp.P, qp.q, G=facets, h=bound, lb=qp.lower)
+    convert = _dense if dense else _sparse
+    bound = None if qp.G is None else np.zeros(qp.G.shape[0])
+    return qpsolvers.Problem(convert(qp.P), qp.q, G=None if qp.G is None else convert(qp.G), h=bound, lb=qp.lower)
+
+
+def _dense(matrix: sp.csc_array) -> Array:
+    return np.asarray(matrix.toarray())
+
+
+def _sparse(matrix: sp.csc_array) -> sp.csc_matrix:
+    """Return the matrix class and the index type that the backends' C code takes."""
+    indices, pointers = matrix.indices.astype(np.int32), matrix.indptr.astype(np.int32)
+    return sp.csc_matrix((matrix.data, indices, pointers), shape=matrix.shape)
 
 
 def _iterations(extras: Mapping[str, Any]) -> int:
