@@ -289,7 +289,8 @@ def _checked_jacobian(jacobian: Any, rows: int, columns: int, blocksize: tuple[i
             f"it must be {rows} x {columns}"
         )
     if rows == 0 or columns == 0:
-        return sp.bsr_array((max(rows, blocksize[0]), max(columns, blocksize[1])), blocksize=blocksize)
+        nothing = (np.zeros((0, *blocksize)), np.zeros(0, np.int32), np.zeros(rows // blocksize[0] + 1, np.int32))
+        return sp.bsr_array(nothing, shape=(rows, columns))
     blocks = sp.bsr_array(jacobian, dtype=np.float64, blocksize=blocksize, copy=True)
     blocks.sum_duplicates()
     if not np.isfinite(blocks.data).all():
