@@ -1,14 +1,23 @@
 //! The border to Python: converts arrays, releases the interpreter lock, turns errors into Python's exceptions.
 
+mod gauss_seidel;
+
 use pyo3::prelude::*;
 
 #[pymodule]
 mod _core {
     use pyo3::prelude::*;
 
+    #[pymodule_export]
+    use super::gauss_seidel::gauss_seidel;
+
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
-        let profile = if cfg!(debug_assertions) { "debug" } else { "release" };
+        let profile = if cfg!(debug_assertions) {
+            "debug"
+        } else {
+            "release"
+        };
         module.add("BUILD_PROFILE", profile)
     }
 }

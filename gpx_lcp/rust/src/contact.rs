@@ -1,0 +1,145 @@
+//! One contact: its own block of A, made safe to divide by, and what a law of contact must answer about it.
+//!
+//! Block Gauss-Seidel changes one contact's impulse at a time. With the others held, its velocity is u = A_ii p + b, and
+//! the law (which impulses are allowed, and when) makes that a problem of one to three unknowns, solved exactly.
+
+use crate::small_matrix::{Matrix, Vector, cholesky, dot, lower_inverse, transposed};
+
+/// Smallest pivot of a diagonal block that is divided by, as a share of its largest diagonal entry.
+const LEAST_PIVOT: f64 = 1e-9;
+
+/// What stays the same of one contact during all sweeps.
+#[derive(Clone, Copy, Debug)]
+pub struct Contact<const R: usize> {
+    /// B_i, m/s.
+    pub target: Vector<R>,
+    pub friction: f64,
+    /// d_i, the largest diagonal entry of the whole A_ii (also of rows that a frictionless program leaves out), 1/kg.
+    pub scale: f64,
+    /// A_ii, symmetric and positive definite, 1/kg.
+    pub block: Matrix<R>,
+    /// Its inverse, kg.
+    pub inverse: Matrix<R>,
+}
+
+impl<const R: usize> Contact<R> {
+    /// Prepare a contact whose block has a positive diagonal entry; the largest is a below.
+    ///
+    /// The block is made symmetric and, where a pivot of its factorisation is below 1e-9 a, lifted by the smallest
+    /// s a of s = 1e-8, 1e-7, ... that mends it. Neither moves a solution: a sweep only ever uses
+    /// b = u - A_ii p with the true velocity u, so at a solution of the local problem that no longer changes p, u
+    /// itself satisfies the law. What a lift does is turn the exact local step into a proximal one along the
+    /// directions in which this contact alone cannot move anything.
+    pub fn new(block: &Matrix<R>, target: Vector<R>, friction: f64, scale: f64) -> Self {
+        let mut block: Matrix<R> =
+            std::array::from_fn(|r| std::array::from_fn(|c| 0.5 * (block[r][c] + block[c][r])));
+        let given = block;
+        let largest = (0..R).map(|r| block[r][r]).fold(0.0, f64::max);
+        let mut lift = 1e-8;
+        let lower = loop {
+            if let Some(lower) = cholesky(&block, LEAST_PIVOT * largest) {
+                break lower;
+            }
+            // Ends: once the lift exceeds a row's sum every pivot is large, and no entry is infinite.
+            for r in 0..R {
+                block[r][r] = given[r][r] + lift * largest;
+            }
+            lift *= 10.0;
+        };
+        let half = transposed(&lower_inverse(&lower));
+        let inverse = std::array::from_fn(|r| std::array::from_fn(|c| dot(&half[r], &half[c])));
+        Self {
+            target,
+            friction,
+            scale,
+            block,
+            inverse,
+        }
+    }
+
+    /// The impulse that this contact alone needs to have no normal velocity, sliding without friction.
+    #[inline]
+    pub fn frictionless(&self, b: &Vector<R>) -> Vector<R> {
+        let mut impulse = [0.0; R];
+        impulse[0] = -b[0] / self.block[0][0];
+        impulse
+    }
+}
+
+/// A law of contact: which impulses a contact may exert, and which velocities go with them.
+pub trait Law<const R: usize>: Sync {
+    /// What the law precomputes of each contact for its sliding case.
+    type Local: Send;
+
+    fn prepare(&self, contact: &Contact<R>) -> Self::Local;
+
+    /// Whether p = 0 solves the problem of one contact whose velocity without an impulse is b.
+    fn separates(&self, friction: f64, b: &Vector<R>) -> bool;
+
+    /// Whether the law allows an impulse.
+    fn contains(&self, friction: f64, impulse: &Vector<R>) -> bool;
+
+    /// The impulse on the boundary of the allowed set that solves u = A_ii p + b; None where rounding or overflow
+    /// leaves none. Called only where neither p = 0 nor u = 0 is a solution, and the friction is positive.
+    fn slide(&self, contact: &Contact<R>, local: &Self::Local, b: &Vector<R>) -> Option<Vector<R>>;
+
+    /// The nearest allowed impulse (for polygons: an allowed one with the same normal part, as near as can be).
+    fn project(&self, friction: f64, impulse: &Vector<R>) -> Vector<R>;
+
+    /// d p - P(d p - û), m/s: zero exactly where the impulse p and the velocity u satisfy the law.
+    fn natural_map(
+        &self,
+        friction: f64,
+        scale: f64,
+        impulse: &Vector<R>,
+        velocity: &Vector<R>,
+    ) -> Vector<R>;
+}
+
+/// The impulse that solves the problem of one contact, given its impulse and its velocity u = A_ii p + b now.
+#[inline(always)]
+pub fn local_step<const R: usize, L: Law<R>>(
+    law: &L,
+    contact: &Contact<R>,
+    local: &L::Local,
+    impulse: &Vector<R>,
+    velocity: &Vector<R>,
+) -> Vector<R> {
+    let b: Vector<R> = std::array::from_fn(|r| velocity[r] - dot(&contact.block[r], impulse));
+    // A correction of the old impulse rather than -A_ii⁻¹ b: near the solution u is small, and so is its rounding.
+    let sticking: Vector<R> =
+        std::array::from_fn(|r| impulse[r] - dot(&contact.inverse[r], velocity));
+    if law.separates(contact.friction, &b) {
+        return [0.0; R];
+    }
+    if law.contains(contact.friction, &sticking) {
+        return sticking;
+    }
+    leave_interior(law, contact, local, impulse, velocity, &b)
+}
+
+#[inline(never)]
+fn leave_interior<const R: usize, L: Law<R>>(
+    law: &L,
+    contact: &Contact<R>,
+    local: &L::Local,
+    impulse: &Vector<R>,
+    velocity: &Vector<R>,
+    b: &Vector<R>,
+) -> Vector<R> {
+    let found = if R == 1 || contact.friction == 0.0 {
+        Some(contact.frictionless(b))
+    } else {
+        law.slide(contact, local, b)
+    };
+    if let Some(found) = found
+        && found.iter().all(|value| value.is_finite())
+    {
+        return found;
+    }
+    let map = law.natural_map(contact.friction, contact.scale, impulse, velocity);
+    law.project(
+        contact.friction,
+        &std::array::from_fn(|r| impulse[r] - map[r] / contact.scale),
+    )
+}

@@ -1,0 +1,346 @@
+//! The two laws on the friction cone K = {‖p_t‖ ≤ μ p_n}: Coulomb's own, and its convex relaxation.
+//!
+//! Both slide on the boundary of the cone, with u_t = -α p_t for some α > 0 that one scalar equation determines.
+
+use crate::contact::{Contact, Law};
+use crate::small_matrix::{
+    Matrix, Vector, cholesky, dot, lower_inverse, symmetric_eigen, tangent_length, transposed,
+};
+
+/// Exact Coulomb law: K ∋ p ⟂ û ∈ K*, û = u + μ‖u_t‖ n.
+pub struct Coulomb;
+
+/// Convex relaxation: K ∋ p ⟂ u ∈ K*, the optimality condition of min ½ pᵀA p - pᵀB over the cones. Sliding opens.
+pub struct ConvexCone;
+
+/// The tangential part of A_ii after elimination of the normal row, S = A_tt - A_tn A_nt/A_nn, diagonalised.
+pub struct SlidingBasis<const R: usize> {
+    /// Eigenvectors of S in rows; entry 0 of each, and row 0, belong to the normal and are not used.
+    directions: Matrix<R>,
+    stiffness: Vector<R>,
+    /// A_nt in that basis.
+    coupling: Vector<R>,
+}
+
+/// A_ii and D = diag(-μ², 1, 1) diagonalised together: VᵀA V = 1, VᵀD V = |λ₀| diag(-1, κ₁, κ₂).
+pub struct ConeBasis<const R: usize> {
+    vectors: Matrix<R>,
+    kappa: Vector<R>,
+}
+
+impl<const R: usize> Law<R> for Coulomb {
+    type Local = SlidingBasis<R>;
+
+    fn prepare(&self, contact: &Contact<R>) -> SlidingBasis<R> {
+        let block = &contact.block;
+        let mut reduced = [[0.0; R]; R];
+        for r in 1..R {
+            for c in 1..R {
+                reduced[r][c] = block[r][c] - block[r][0] * block[0][c] / block[0][0];
+            }
+        }
+        let (stiffness, vectors) = symmetric_eigen(&reduced);
+        let directions = transposed(&vectors);
+        let mut coupling = [0.0; R];
+        for k in 1..R {
+            coupling[k] = (1..R).map(|r| directions[k][r] * block[0][r]).sum();
+        }
+        SlidingBasis {
+            directions,
+            stiffness,
+            coupling,
+        }
+    }
+
+    /// μ‖b_t‖ ≤ b_n + μ‖b_t‖: the correction makes only the normal matter.
+    #[inline(always)]
+    fn separates(&self, _friction: f64, b: &Vector<R>) -> bool {
+        b[0] >= 0.0
+    }
+
+    #[inline(always)]
+    fn contains(&self, friction: f64, impulse: &Vector<R>) -> bool {
+        in_cone(friction, impulse)
+    }
+
+    /// Solve u_n = 0, u_t = -α p_t, ‖p_t‖ = μ p_n for α > 0.
+    ///
+    /// With c = b_t - A_tn b_n/A_nn: p_t(α) = -(S + α)⁻¹ c and p_n(α) = -(b_n + A_nt p_t)/A_nn. The equation is posed as
+    /// h(α) = μ p_n/‖p_t‖ - 1 = 0, which is linear in α where S is a multiple of the identity. h(0) < 0, because the
+    /// sticking impulse lies outside the cone, and h grows beyond bounds with α, because b_n < 0: there is a root.
+    /// It is the only one unless friction and coupling are so strong that sliding itself is ambiguous (Painlevé).
+    fn slide(
+        &self,
+        contact: &Contact<R>,
+        local: &SlidingBasis<R>,
+        b: &Vector<R>,
+    ) -> Option<Vector<R>> {
+        let normal = contact.block[0][0];
+        let mut reduced = [0.0; R];
+        for r in 1..R {
+            reduced[r] = b[r] - contact.block[r][0] * b[0] / normal;
+        }
+        let mut c = [0.0; R];
+        for k in 1..R {
+            c[k] = (1..R).map(|r| local.directions[k][r] * reduced[r]).sum();
+        }
+        let mut softest = f64::INFINITY;
+        for k in 1..R {
+            softest = softest.min(local.stiffness[k]);
+        }
+        let alpha = increasing_root(0.0, 0.0, softest, |alpha| {
+            let (mut square, mut square_slope, mut pull, mut pull_slope) = (0.0, 0.0, 0.0, 0.0);
+            for k in 1..R {
+                let soft = 1.0 / (local.stiffness[k] + alpha);
+                let part = c[k] * soft;
+                square += part * part;
+                square_slope -= part * part * soft;
+                pull -= local.coupling[k] * part;
+                pull_slope += local.coupling[k] * part * soft;
+            }
+            let length = square.sqrt();
+            let p_n = -(b[0] + pull) / normal;
+            let ratio = contact.friction * p_n / length;
+            (
+                ratio - 1.0,
+                -contact.friction * pull_slope / (normal * length) - ratio * square_slope / square,
+            )
+        });
+        let mut impulse = [0.0; R];
+        for r in 1..R {
+            impulse[r] = -(1..R)
+                .map(|k| local.directions[k][r] * c[k] / (local.stiffness[k] + alpha))
+                .sum::<f64>();
+        }
+        impulse[0] = -(b[0]
+            + (1..R)
+                .map(|r| contact.block[0][r] * impulse[r])
+                .sum::<f64>())
+            / normal;
+        Some(onto_boundary(contact.friction, &impulse))
+    }
+
+    #[inline]
+    fn project(&self, friction: f64, impulse: &Vector<R>) -> Vector<R> {
+        project(friction, impulse)
+    }
+
+    #[inline]
+    fn natural_map(
+        &self,
+        friction: f64,
+        scale: f64,
+        impulse: &Vector<R>,
+        velocity: &Vector<R>,
+    ) -> Vector<R> {
+        let mut corrected = *velocity;
+        corrected[0] += friction * tangent_length(velocity);
+        natural_map(friction, scale, impulse, &corrected)
+    }
+}
+
+impl<const R: usize> Law<R> for ConvexCone {
+    type Local = ConeBasis<R>;
+
+    fn prepare(&self, contact: &Contact<R>) -> ConeBasis<R> {
+        // The block is positive definite, so its factor exists; without friction the basis is never used.
+        let Some(lower) = cholesky(&contact.block, 0.0).filter(|_| contact.friction > 0.0) else {
+            return ConeBasis {
+                vectors: [[0.0; R]; R],
+                kappa: [0.0; R],
+            };
+        };
+        let inverse = lower_inverse(&lower);
+        let sign = |k: usize| {
+            if k == 0 {
+                -contact.friction * contact.friction
+            } else {
+                1.0
+            }
+        };
+        let whitened: Matrix<R> = std::array::from_fn(|r| {
+            std::array::from_fn(|c| {
+                (0..R)
+                    .map(|k| inverse[r][k] * sign(k) * inverse[c][k])
+                    .sum()
+            })
+        });
+        let (values, vectors) = symmetric_eigen(&whitened);
+        let mut order: [usize; R] = std::array::from_fn(|k| k);
+        order.sort_by(|&x, &y| values[x].total_cmp(&values[y]));
+        let mut basis: Matrix<R> = std::array::from_fn(|r| {
+            std::array::from_fn(|k| (0..R).map(|j| inverse[j][r] * vectors[j][order[k]]).sum())
+        });
+        // The axis of K must have a positive first coordinate, V⁻¹ n = Vᵀ A n, so that y₀ > 0 tells K from -K.
+        if (0..R)
+            .map(|r| basis[r][0] * contact.block[r][0])
+            .sum::<f64>()
+            < 0.0
+        {
+            for row in &mut basis {
+                row[0] = -row[0];
+            }
+        }
+        let negative = values[order[0]].abs();
+        ConeBasis {
+            vectors: basis,
+            kappa: std::array::from_fn(|k| values[order[k]] / negative),
+        }
+    }
+
+    #[inline(always)]
+    fn separates(&self, friction: f64, b: &Vector<R>) -> bool {
+        friction * tangent_length(b) <= b[0]
+    }
+
+    #[inline(always)]
+    fn contains(&self, friction: f64, impulse: &Vector<R>) -> bool {
+        in_cone(friction, impulse)
+    }
+
+    /// Solve u = -α D p, pᵀD p = 0, p_n > 0 for α > 0, D = diag(-μ², 1, 1).
+    ///
+    /// In the basis that diagonalises A and D, with g = Vᵀb and β = α|λ₀|: y₀ = -g₀/(1 - β), y_k = -g_k/(1 + βκ_k), and the
+    /// cone is y₀ = N(β) = √Σ κ_k y_k². On the side of the upper half cone β lies in (0, 1) when g₀ < 0 and in (1, ∞)
+    /// when g₀ > 0. In δ = 1/|1 - β| the equation h = δ|g₀|/N - 1 = 0 is increasing, and linear where κ₁ = κ₂.
+    fn slide(
+        &self,
+        contact: &Contact<R>,
+        local: &ConeBasis<R>,
+        b: &Vector<R>,
+    ) -> Option<Vector<R>> {
+        let columns = transposed(&local.vectors);
+        let g: Vector<R> = std::array::from_fn(|k| dot(&columns[k], b));
+        let side = if g[0] < 0.0 { 1.0 } else { -1.0 };
+        let lowest = if g[0] < 0.0 { 1.0 } else { 0.0 };
+        // A vanishing g₀ has its root at δ = ∞, β = 1; the search then ends with a δ whose inverse is below rounding.
+        let delta = increasing_root(lowest, 1.0, 1.0, |delta| {
+            let beta = 1.0 - side / delta;
+            let (mut square, mut slope) = (0.0, 0.0);
+            for k in 1..R {
+                let soft = 1.0 / (1.0 + beta * local.kappa[k]);
+                let part = g[k] * soft;
+                square += local.kappa[k] * part * part;
+                slope -= local.kappa[k] * local.kappa[k] * part * part * soft;
+            }
+            let rate = g[0].abs() / square.sqrt();
+            (
+                delta * rate - 1.0,
+                rate * (1.0 - side * slope / (square * delta)),
+            )
+        });
+        let beta = 1.0 - side / delta;
+        let mut y = [0.0; R];
+        for k in 1..R {
+            y[k] = -g[k] / (1.0 + beta * local.kappa[k]);
+        }
+        y[0] = (1..R)
+            .map(|k| local.kappa[k] * y[k] * y[k])
+            .sum::<f64>()
+            .sqrt();
+        let impulse: Vector<R> = std::array::from_fn(|r| dot(&local.vectors[r], &y));
+        Some(onto_boundary(contact.friction, &impulse))
+    }
+
+    #[inline]
+    fn project(&self, friction: f64, impulse: &Vector<R>) -> Vector<R> {
+        project(friction, impulse)
+    }
+
+    #[inline]
+    fn natural_map(
+        &self,
+        friction: f64,
+        scale: f64,
+        impulse: &Vector<R>,
+        velocity: &Vector<R>,
+    ) -> Vector<R> {
+        natural_map(friction, scale, impulse, velocity)
+    }
+}
+
+/// Root of h in (lowest, ∞) by Newton's method kept inside a bracket; h(lowest) < 0 and h is positive far out.
+///
+/// `h` returns its value and its slope. Where no step can be taken the last point is returned: the caller's result is
+/// judged by the residual like any other.
+fn increasing_root(lowest: f64, start: f64, stride: f64, h: impl Fn(f64) -> (f64, f64)) -> f64 {
+    let (mut low, mut high, mut x) = (lowest, f64::INFINITY, start);
+    for _ in 0..100 {
+        let (value, slope) = h(x);
+        if value.abs() <= 4.0 * f64::EPSILON || value.is_nan() {
+            break;
+        }
+        if value < 0.0 {
+            low = x;
+        } else {
+            high = x;
+        }
+        let newton = x - value / slope;
+        let next = if newton > low && newton < high {
+            newton
+        } else if high.is_finite() {
+            low + 0.5 * (high - low)
+        } else {
+            2.0 * x + stride
+        };
+        if (next - x).abs() <= f64::EPSILON * x.abs() || !next.is_finite() {
+            break;
+        }
+        x = next;
+    }
+    x
+}
+
+#[inline(always)]
+fn in_cone<const R: usize>(friction: f64, impulse: &Vector<R>) -> bool {
+    let square = impulse[1..].iter().map(|value| value * value).sum::<f64>();
+    let bound = friction * impulse[0];
+    impulse[0] >= 0.0 && square <= bound * bound
+}
+
+/// Undo the rounding of a root: the same normal impulse, with friction of exactly μ p_n.
+fn onto_boundary<const R: usize>(friction: f64, impulse: &Vector<R>) -> Vector<R> {
+    let length = tangent_length(impulse);
+    let mut result = *impulse;
+    result[0] = impulse[0].max(0.0);
+    let shrink = if length > 0.0 {
+        friction * result[0] / length
+    } else {
+        0.0
+    };
+    for value in &mut result[1..] {
+        *value *= shrink;
+    }
+    result
+}
+
+/// Exact projection onto the friction cone.
+#[inline]
+pub fn project<const R: usize>(friction: f64, x: &Vector<R>) -> Vector<R> {
+    let length = tangent_length(x);
+    if length <= friction * x[0] {
+        return *x;
+    }
+    if friction * length <= -x[0] {
+        return [0.0; R];
+    }
+    let normal = (x[0] + friction * length) / (1.0 + friction * friction);
+    let mut result = *x;
+    result[0] = normal;
+    for value in &mut result[1..] {
+        *value *= friction * normal / length;
+    }
+    result
+}
+
+#[inline]
+fn natural_map<const R: usize>(
+    friction: f64,
+    scale: f64,
+    impulse: &Vector<R>,
+    velocity: &Vector<R>,
+) -> Vector<R> {
+    let scaled: Vector<R> = std::array::from_fn(|r| scale * impulse[r]);
+    let projected: Vector<R> = project(friction, &std::array::from_fn(|r| scaled[r] - velocity[r]));
+    std::array::from_fn(|r| scaled[r] - projected[r])
+}

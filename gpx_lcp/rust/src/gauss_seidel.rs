@@ -1,0 +1,262 @@
+//! Projected block Gauss-Seidel (nonsmooth Gauss-Seidel, NSGS): visit the contacts in order, solve each one exactly with
+//! the others held, repeat.
+//!
+//! Sources: M. Jean and J. J. Moreau, *Unilaterality and dry friction in the dynamics of rigid body collections* (1992);
+//! V. Acary, M. Brémond, O. Huber, *On solving contact problems with Coulomb friction*, INRIA RR-9118 (2018), alg. NSGS-AC.
+//! Departures: (1) the local problem is solved by one scalar equation instead of a nonsmooth Newton method in 3-D;
+//! (2) it stops on the natural map of the whole problem, never on the change between iterates, which is small wherever
+//! convergence is slow; (3) A may be given as Ĵ, and is then never formed.
+
+use std::time::{Duration, Instant};
+
+use crate::contact::{Contact, Law, local_step};
+use crate::delassus::Delassus;
+use crate::small_matrix::Vector;
+
+/// Sweeps between two evaluations of the residual; one evaluation costs about one sweep.
+const CHECK_EVERY: usize = 10;
+/// Evaluations without progress after which the iteration counts as stalled, and the least share that is progress.
+///
+/// A column of n equal masses gains (π/2n)² a sweep, so over this window n may be as large as 5000.
+const PATIENCE: usize = 100;
+const LEAST_PROGRESS: f64 = 1e-4;
+/// How often the caller is asked whether to go on.
+const POLL_EVERY: Duration = Duration::from_millis(50);
+
+/// What is asked, beside A.
+#[derive(Clone, Copy, Debug)]
+pub struct Problem<'a, const R: usize> {
+    /// B by contact, m/s.
+    pub target: &'a [Vector<R>],
+    pub friction: &'a [f64],
+    /// d_i by contact, 1/kg, and ‖B‖, m/s: the measures in which the residual is stated. They are those of the whole
+    /// system, also where A holds the normal rows alone.
+    pub scale: &'a [f64],
+    pub target_norm: f64,
+}
+
+/// How hard to try.
+#[derive(Clone, Copy, Debug)]
+pub struct Settings {
+    /// Bound on the residual ‖d p - P(d p - û)‖/‖B‖.
+    pub tolerance: f64,
+    pub max_sweeps: usize,
+    pub time_limit: Option<Duration>,
+    /// ω in (0, 2): the step taken, as a multiple of the exact local step.
+    pub relaxation: f64,
+}
+
+/// Why the iteration stopped.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stop {
+    Solved,
+    MaxSweeps,
+    TimeLimit,
+    Stalled,
+    NumericalError,
+    Interrupted,
+}
+
+/// The last iterate where it was still converging, the best evaluated one otherwise.
+#[derive(Clone, Debug)]
+pub struct Outcome<const R: usize> {
+    pub impulse: Vec<Vector<R>>,
+    pub stop: Stop,
+    pub sweeps: usize,
+    /// (sweeps done, residual) at every evaluation.
+    pub history: Vec<(usize, f64)>,
+    /// Time of the sweeps and evaluations, without what is done once before them.
+    pub elapsed: Duration,
+}
+
+/// Solve the contact problem from the impulse `start`.
+///
+/// Contacts with a diagonal block of zeros (between locked bodies) keep a zero impulse: it would not change anything.
+/// `go_on` is asked every 50 ms.
+pub fn solve<const R: usize, A: Delassus<R>, L: Law<R>>(
+    delassus: &mut A,
+    law: &L,
+    problem: &Problem<R>,
+    start: &[Vector<R>],
+    settings: &Settings,
+    go_on: &mut dyn FnMut() -> bool,
+) -> Outcome<R> {
+    let mut sweeper = Sweeper::new(delassus, law, problem, start);
+    let begun = Instant::now();
+    let mut polled = begun;
+    let mut history = Vec::new();
+    let mut best = (f64::INFINITY, sweeper.impulse.clone());
+    let mut milestone = (0, f64::INFINITY);
+    let mut sweeps = 0;
+    let stop = loop {
+        if sweeps % CHECK_EVERY == 0 || sweeps == settings.max_sweeps {
+            let residual = sweeper.residual();
+            history.push((sweeps, residual));
+            if residual <= settings.tolerance {
+                break Stop::Solved;
+            }
+            if !residual.is_finite() {
+                break Stop::NumericalError;
+            }
+            // The start is no candidate: a cold start would often win against the first sweeps and exert nothing.
+            if residual < best.0 && sweeps > 0 {
+                best.0 = residual;
+                best.1.copy_from_slice(&sweeper.impulse);
+            }
+            if residual < (1.0 - LEAST_PROGRESS) * milestone.1 {
+                milestone = (history.len(), residual);
+            } else if history.len() - milestone.0 >= PATIENCE {
+                break Stop::Stalled;
+            }
+            if sweeps == settings.max_sweeps {
+                break Stop::MaxSweeps;
+            }
+        }
+        let now = Instant::now();
+        if settings
+            .time_limit
+            .is_some_and(|limit| now - begun >= limit)
+        {
+            break Stop::TimeLimit;
+        }
+        if now - polled >= POLL_EVERY {
+            polled = now;
+            if !go_on() {
+                break Stop::Interrupted;
+            }
+        }
+        if settings.relaxation == 1.0 {
+            sweeper.sweep();
+        } else {
+            sweeper.relaxed_sweep(settings.relaxation);
+        }
+        sweeps += 1;
+    };
+    let impulse = match stop {
+        Stop::Stalled | Stop::NumericalError => best.1,
+        _ => sweeper.impulse,
+    };
+    Outcome {
+        impulse,
+        stop,
+        sweeps,
+        history,
+        elapsed: begun.elapsed(),
+    }
+}
+
+struct Sweeper<'a, const R: usize, A, L: Law<R>> {
+    delassus: &'a mut A,
+    law: &'a L,
+    problem: &'a Problem<'a, R>,
+    /// The contacts that an impulse can move, and the index of each in the system.
+    contacts: Vec<(usize, Contact<R>)>,
+    locals: Vec<L::Local>,
+    /// Indices of the others.
+    locked: Vec<usize>,
+    impulse: Vec<Vector<R>>,
+}
+
+impl<'a, const R: usize, A: Delassus<R>, L: Law<R>> Sweeper<'a, R, A, L> {
+    fn new(
+        delassus: &'a mut A,
+        law: &'a L,
+        problem: &'a Problem<'a, R>,
+        start: &[Vector<R>],
+    ) -> Self {
+        let mut contacts = Vec::with_capacity(start.len());
+        let mut locked = Vec::new();
+        let mut impulse = start.to_vec();
+        for (i, p) in impulse.iter_mut().enumerate() {
+            let block = delassus.diagonal_block(i);
+            if (0..R).any(|r| block[r][r] > 0.0) {
+                contacts.push((
+                    i,
+                    Contact::new(
+                        &block,
+                        problem.target[i],
+                        problem.friction[i],
+                        problem.scale[i],
+                    ),
+                ));
+                if !law.contains(problem.friction[i], p) {
+                    *p = law.project(problem.friction[i], p);
+                }
+            } else {
+                locked.push(i);
+                *p = [0.0; R];
+            }
+        }
+        let locals = contacts
+            .iter()
+            .map(|(_, contact)| law.prepare(contact))
+            .collect();
+        delassus.set(&impulse);
+        Self {
+            delassus,
+            law,
+            problem,
+            contacts,
+            locals,
+            locked,
+            impulse,
+        }
+    }
+
+    fn sweep(&mut self) {
+        self.visit(|_, _, exact, _| exact);
+    }
+
+    fn relaxed_sweep(&mut self, relaxation: f64) {
+        self.visit(|law, friction, exact, old| {
+            law.project(
+                friction,
+                &std::array::from_fn(|r| old[r] + relaxation * (exact[r] - old[r])),
+            )
+        });
+    }
+
+    #[inline(always)]
+    fn visit(&mut self, relax: impl Fn(&L, f64, Vector<R>, &Vector<R>) -> Vector<R>) {
+        for ((i, contact), local) in self.contacts.iter().zip(&self.locals) {
+            let row = self.delassus.row(*i);
+            let velocity: Vector<R> = std::array::from_fn(|r| row[r] - contact.target[r]);
+            let old = self.impulse[*i];
+            let exact = local_step(self.law, contact, local, &old, &velocity);
+            let new = relax(self.law, contact.friction, exact, &old);
+            self.delassus
+                .add(*i, &std::array::from_fn(|r| new[r] - old[r]));
+            self.impulse[*i] = new;
+        }
+    }
+
+    /// The residual of the whole problem; also clears the rounding that the changes have left in w = Ĵᵀ p.
+    fn residual(&mut self) -> f64 {
+        self.delassus.set(&self.impulse);
+        let Problem {
+            target,
+            friction,
+            scale,
+            target_norm,
+        } = *self.problem;
+        let mut square = 0.0;
+        for i in self
+            .contacts
+            .iter()
+            .map(|(i, _)| *i)
+            .chain(self.locked.iter().copied())
+        {
+            let row = self.delassus.row(i);
+            let velocity: Vector<R> = std::array::from_fn(|r| row[r] - target[i][r]);
+            let map = self
+                .law
+                .natural_map(friction[i], scale[i], &self.impulse[i], &velocity);
+            square += map.iter().map(|value| value * value).sum::<f64>();
+        }
+        if square == 0.0 {
+            0.0
+        } else {
+            square.sqrt() / target_norm
+        }
+    }
+}

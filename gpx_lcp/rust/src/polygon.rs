@@ -1,0 +1,193 @@
+//! Friction bounded by a convex polygon instead of a disc: p_t ∈ μ p_n P, with the most dissipation that P allows.
+//!
+//! The corners of P at angles 2πj/k make the linearised cone of Stewart and Trinkle; the square with corners (±1, ±1) makes
+//! the boxed LCP, in which each tangent direction has its own bound μ p_n.
+
+use crate::contact::{Contact, Law};
+use crate::small_matrix::{Vector, dot};
+
+/// The law 0 ≤ p_n ⟂ u_n ≥ 0, -u_t in the normal cone of μ p_n P at p_t.
+///
+/// Tangent vectors are stored as contact vectors whose normal entry is zero.
+pub struct Polygon<const R: usize> {
+    corners: Vec<Vector<R>>,
+    /// Unit vector from each corner to the next.
+    along: Vec<Vector<R>>,
+    /// Unit outward normal of the edge from each corner to the next, and its distance from the centre.
+    outward: Vec<(Vector<R>, f64)>,
+    lengths: Vec<f64>,
+}
+
+impl<const R: usize> Polygon<R> {
+    /// Make the polygon from its corners, anticlockwise; in the plane (R = 2) these are the two ends of an interval.
+    pub fn new(corners: Vec<Vector<R>>) -> Self {
+        let count = corners.len();
+        let (mut along, mut outward, mut lengths) = (Vec::new(), Vec::new(), Vec::new());
+        for (j, corner) in corners.iter().enumerate() {
+            let next = &corners[(j + 1) % count];
+            let edge: Vector<R> = std::array::from_fn(|r| next[r] - corner[r]);
+            let length = dot(&edge, &edge).sqrt();
+            let unit = edge.map(|value| value / length);
+            let mut normal = [0.0; R];
+            if R == 3 {
+                (normal[1], normal[2]) = (unit[2], -unit[1]);
+            } else {
+                normal = *corner;
+            }
+            outward.push((normal, dot(&normal, corner)));
+            along.push(unit);
+            lengths.push(length);
+        }
+        Self {
+            corners,
+            along,
+            outward,
+            lengths,
+        }
+    }
+
+    fn holds(&self, radius: f64, tangent: &Vector<R>) -> bool {
+        self.outward
+            .iter()
+            .all(|(normal, support)| dot(normal, tangent) <= radius * support)
+    }
+
+    /// The point of radius · P nearest to a tangent vector (whose normal entry is ignored).
+    fn nearest(&self, radius: f64, vector: &Vector<R>) -> Vector<R> {
+        let mut tangent = *vector;
+        tangent[0] = 0.0;
+        if R == 2 {
+            tangent[1] = tangent[1].clamp(-radius, radius);
+            return tangent;
+        }
+        if radius <= 0.0 {
+            return [0.0; R];
+        }
+        if self.holds(radius, &tangent) {
+            return tangent;
+        }
+        let mut best = ([0.0; R], f64::INFINITY);
+        for ((corner, along), length) in self.corners.iter().zip(&self.along).zip(&self.lengths) {
+            let offset: Vector<R> = std::array::from_fn(|r| tangent[r] - radius * corner[r]);
+            let position = dot(&offset, along).clamp(0.0, radius * length);
+            let point: Vector<R> =
+                std::array::from_fn(|r| radius * corner[r] + position * along[r]);
+            let distance = (0..R).map(|r| (tangent[r] - point[r]).powi(2)).sum();
+            if distance < best.1 {
+                best = (point, distance);
+            }
+        }
+        best.0
+    }
+
+    /// Sliding at corner j: the impulse, and by how much the velocity (m/s) fails to prefer this corner.
+    fn at_corner(&self, contact: &Contact<R>, b: &Vector<R>, j: usize) -> Option<(Vector<R>, f64)> {
+        let count = self.corners.len();
+        let mut ray = self.corners[j].map(|value| contact.friction * value);
+        ray[0] = 1.0;
+        let resistance = dot(&contact.block[0], &ray);
+        if resistance <= 0.0 {
+            return None;
+        }
+        let p_n = -b[0] / resistance;
+        let impulse = ray.map(|value| p_n * value);
+        let u = velocity(contact, b, &impulse);
+        let previous = (j + count - 1) % count;
+        Some((
+            impulse,
+            (-dot(&u, &self.along[j])).max(dot(&u, &self.along[previous])),
+        ))
+    }
+
+    /// Sliding on the edge that starts at corner j: u_n = 0, and no velocity along the edge.
+    fn on_edge(&self, contact: &Contact<R>, b: &Vector<R>, j: usize) -> Option<(Vector<R>, f64)> {
+        let along = &self.along[j];
+        let mut ray = self.corners[j].map(|value| contact.friction * value);
+        ray[0] = 1.0;
+        let (from_ray, from_edge) = (
+            velocity(contact, &[0.0; R], &ray),
+            velocity(contact, &[0.0; R], along),
+        );
+        // [ n·A ray, n·A e; e·A ray, e·A e ] (p_n, q) = -(b_n, e·b)
+        let matrix = [
+            [from_ray[0], from_edge[0]],
+            [dot(along, &from_ray), dot(along, &from_edge)],
+        ];
+        let rhs = [-b[0], -dot(along, b)];
+        let determinant = matrix[0][0] * matrix[1][1] - matrix[0][1] * matrix[1][0];
+        let p_n = (rhs[0] * matrix[1][1] - matrix[0][1] * rhs[1]) / determinant;
+        let q = (matrix[0][0] * rhs[1] - rhs[0] * matrix[1][0]) / determinant;
+        if !(p_n > 0.0 && (0.0..=contact.friction * p_n * self.lengths[j]).contains(&q)) {
+            return None;
+        }
+        let impulse: Vector<R> = std::array::from_fn(|r| p_n * ray[r] + q * along[r]);
+        let u = velocity(contact, b, &impulse);
+        Some((impulse, dot(&u, &self.outward[j].0)))
+    }
+}
+
+fn velocity<const R: usize>(contact: &Contact<R>, b: &Vector<R>, impulse: &Vector<R>) -> Vector<R> {
+    std::array::from_fn(|r| b[r] + dot(&contact.block[r], impulse))
+}
+
+impl<const R: usize> Law<R> for Polygon<R> {
+    type Local = ();
+
+    fn prepare(&self, _contact: &Contact<R>) {}
+
+    #[inline(always)]
+    fn separates(&self, _friction: f64, b: &Vector<R>) -> bool {
+        b[0] >= 0.0
+    }
+
+    #[inline(always)]
+    fn contains(&self, friction: f64, impulse: &Vector<R>) -> bool {
+        let mut tangent = *impulse;
+        tangent[0] = 0.0;
+        impulse[0] >= 0.0 && self.holds(friction * impulse[0], &tangent)
+    }
+
+    /// Try every corner and every edge; the first that satisfies the law is it.
+    ///
+    /// Where rounding leaves none, or strong coupling leaves truly none, the one that fails by least is taken.
+    fn slide(&self, contact: &Contact<R>, _local: &(), b: &Vector<R>) -> Option<Vector<R>> {
+        let mut best: Option<(Vector<R>, f64)> = None;
+        for j in 0..self.corners.len() {
+            let edge = if R == 3 {
+                self.on_edge(contact, b, j)
+            } else {
+                None
+            };
+            for (impulse, excess) in [self.at_corner(contact, b, j), edge].into_iter().flatten() {
+                if excess <= 0.0 {
+                    return Some(impulse);
+                }
+                if best.is_none_or(|(_, least)| excess < least) {
+                    best = Some((impulse, excess));
+                }
+            }
+        }
+        best.map(|(impulse, _)| impulse)
+    }
+
+    fn project(&self, friction: f64, impulse: &Vector<R>) -> Vector<R> {
+        let normal = impulse[0].max(0.0);
+        let mut result = self.nearest(friction * normal, impulse);
+        result[0] = normal;
+        result
+    }
+
+    fn natural_map(
+        &self,
+        friction: f64,
+        scale: f64,
+        impulse: &Vector<R>,
+        velocity: &Vector<R>,
+    ) -> Vector<R> {
+        let scaled: Vector<R> = std::array::from_fn(|r| scale * impulse[r]);
+        let radius = friction * scaled[0].max(0.0);
+        let mut projected = self.nearest(radius, &std::array::from_fn(|r| scaled[r] - velocity[r]));
+        projected[0] = (scaled[0] - velocity[0]).max(0.0);
+        std::array::from_fn(|r| scaled[r] - projected[r])
+    }
+}

@@ -1,0 +1,149 @@
+"""Projected block Gauss-Seidel: visit the contacts in order, solve each one exactly, repeat; the sweeps run in Rust.
+
+With the other contacts held, contact i has the velocity u_i = A_ii p_i + b_i, and the formulation's own law makes that a
+problem of at most three unknowns: p_i = 0 (separate), u_i = 0 (stick) or the boundary of the cone (slide), of which the
+last takes one scalar equation. The relaxation ω takes p_i + ω(p_i* - p_i) instead of the solution p_i*, projected.
+
+It needs a row of A (a system given by A) or one body state w = Ĵᵀ p (a system given by J and M⁻¹: A = Ĵ Ĵᵀ is then never
+formed), so that a sweep costs the same whatever the accuracy. Information travels one contact a sweep or less: a
+column of n equal masses contracts its error by cos²(π/2n) a sweep, a mass R on a mass 1 by R/(1 + R).
+
+Source: M. Jean, J. J. Moreau, *Unilaterality and dry friction in the dynamics of rigid body collections*, Contact
+Mechanics International Symposium (1992); V. Acary, M. Brémond, O. Huber, INRIA RR-9118 (2018), algorithm NSGS.
+"""
+
+from __future__ import annotations
+
+from time import perf_counter
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sp
+
+from formulations import StackedSystem, normal_matrix
+from formulations.checks import Array
+from formulations.cones import box_directions, pyramid_directions
+from gpx_lcp import _core
+from gpx_lcp.errors import SettingsError
+from gpx_lcp.solution import Status
+from gpx_lcp.solvers._interface import Outcome, Request, Solver
+
+MAX_SWEEPS: Final = 10_000
+# Body sizes that have a kernel; any other is read as bodies of one degree of freedom each, which is always true of Ĵ.
+BODY_SIZES: Final = (1, 3, 6)
+STATUS: Final = {
+    "solved": Status.SOLVED,
+    "max_sweeps": Status.MAX_ITERATIONS,
+    "time_limit": Status.MAX_ITERATIONS,
+    "stalled": Status.STALLED,
+    "numerical_error": Status.NUMERICAL_ERROR,
+}
+
+
+def run(request: Request) -> Outcome:
+    """Sweep until the residual of the program is within the tolerance.
+
+    The residual is evaluated at the start, so that a warm start which is a solution costs no sweep, and every ten
+    sweeps. STALLED means that a thousand sweeps have not lowered it by one part in 10⁴. Impulses outside the law's own
+    polygon are first brought to it, keeping their normal part.
+
+    Raises
+    ------
+    SettingsError
+        When `relaxation` is not a number between 0 and 2, both excluded.
+    """
+    began = perf_counter()
+    system, relaxation = request.system, request.settings["relaxation"]
+    if isinstance(relaxation, bool) or not isinstance(relaxation, int | float) or not 0.0 < relaxation < 2.0:
+        raise SettingsError(f"relaxation is {relaxation!r}: it must be a number between 0 and 2, both excluded")
+    frictionless = request.formulation == "normal"
+    rows = 1 if frictionless else system.rows
+    start = np.zeros((system.contacts, system.rows)) if request.warm_start is None else request.warm_start
+    # p is proportional to B. A power of two changes no digit, and keeps squares of tiny or huge velocities finite.
+    unit = 2.0 ** np.frexp(np.abs(system.B).max())[1]
+    law, corners = _law(request.formulation, rows, request.facets)
+    question = {
+        "rows": rows,
+        "target": _column(system.B, system.rows, rows) / unit,
+        "friction": np.zeros(system.contacts) if frictionless else system.friction,
+        "scale": system.scale,
+        "target_norm": float(np.linalg.norm(system.B / unit)),
+        "start": _column(start.reshape(-1), system.rows, rows) / unit,
+    }
+    effort = {
+        "law": law,
+        "corners": np.ascontiguousarray(corners).reshape(-1),
+        # A hair stricter, so that the judge's own rounding does not turn down what is accepted here.
+        "tolerance": (1.0 - 1e-6) * request.tolerance,
+        "max_sweeps": MAX_SWEEPS if request.max_iterations is None else request.max_iterations,
+        "time_limit": request.time_limit,
+        "relaxation": float(relaxation),
+    }
+    matrix = _block_rows(system, rows)
+    sweeping = perf_counter()
+    flat, stop, sweeps, checks, residuals, seconds = _core.gauss_seidel(matrix, question, effort)
+    ended = perf_counter()
+    impulse = np.zeros((system.contacts, system.rows))
+    impulse[:, :rows] = unit * flat.reshape(system.contacts, rows)
+    return Outcome(
+        impulse=impulse,
+        status=STATUS[stop],
+        program=request.formulation,
+        iterations=sweeps,
+        setup_seconds=sweeping - began + max(ended - sweeping - seconds, 0.0),
+        solve_seconds=seconds,
+        history=tuple(zip(checks.tolist(), residuals.tolist(), strict=True)),
+        extras={"stopped_by": stop},
+    )
+
+
+def _law(formulation: str, rows: int, facets: int) -> tuple[str, Array]:
+    """Return the kernel's law and, for a polygon, its corners; with one row per contact all laws are the same."""
+    if rows > 1 and formulation == "box":
+        return "polygon", box_directions(rows)
+    if rows > 1 and formulation == "pyramid":
+        return "polygon", pyramid_directions(rows, facets)
+    return ("cone" if formulation == "cone" else "coulomb"), np.zeros(0)
+
+
+def _block_rows(system: StackedSystem, rows: int) -> dict[str, Any]:
+    """Return Ĵ, or A where the system carries A alone, in block rows of the wanted number of rows."""
+    blocks: sp.bsr_array
+    if system.whitened_jacobian is not None:
+        blocks = system.whitened_jacobian
+        if blocks.data.shape[2] not in BODY_SIZES:
+            blocks = sp.bsr_array(blocks, blocksize=(system.rows, 1))
+            blocks.eliminate_zeros()
+        data = blocks.data[:, :rows, :]
+    else:
+        matrix = normal_matrix(system) if rows < system.rows else system.A
+        blocks = sp.bsr_array(matrix, blocksize=(rows, rows))
+        data = blocks.data
+    return {
+        "indptr": _integers(blocks.indptr),
+        "indices": _integers(blocks.indices),
+        "data": np.ascontiguousarray(data).reshape(-1),
+        "columns": blocks.shape[1] // data.shape[2],
+        "block_columns": data.shape[2],
+        "factored": system.whitened_jacobian is not None,
+    }
+
+
+def _column(flat: Array, rows: int, wanted: int) -> Array:
+    """Return the first `wanted` entries of each contact, stacked."""
+    return np.ascontiguousarray(flat.reshape(-1, rows)[:, :wanted]).reshape(-1)
+
+
+def _integers(values: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+    return np.ascontiguousarray(values, dtype=np.int64)
+
+
+SOLVER: Final = Solver(
+    name="pgs",
+    method="projected block Gauss-Seidel",
+    programs={name: name for name in ("normal", "box", "pyramid", "cone", "coulomb")},
+    run=run,
+    warm_starts=True,
+    defaults={"relaxation": 1.0},
+)
