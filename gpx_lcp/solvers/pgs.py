@@ -21,9 +21,10 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
-from formulations import StackedSystem, normal_matrix
+from formulations import FORMULATIONS, StackedSystem
 from formulations.checks import Array
 from formulations.cones import box_directions, pyramid_directions
+from formulations.normal import normal_matrix
 from gpx_lcp import _core
 from gpx_lcp.errors import SettingsError
 from gpx_lcp.solution import Status
@@ -142,7 +143,7 @@ def _integers(values: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
 SOLVER: Final = Solver(
     name="pgs",
     method="projected block Gauss-Seidel",
-    programs={name: name for name in ("normal", "box", "pyramid", "cone", "coulomb")},
+    programs={name: name for name in FORMULATIONS},
     run=run,
     warm_starts=True,
     defaults={"relaxation": 1.0},
