@@ -3,7 +3,7 @@
 //! Block Gauss-Seidel changes one contact's impulse at a time. With the others held, its velocity is u = A_ii p + b, and
 //! the law (which impulses are allowed, and when) makes that a problem of one to three unknowns, solved exactly.
 
-use crate::small_matrix::{Matrix, Vector, cholesky, dot, lower_inverse, transposed};
+use crate::small_matrix::{Matrix, Vector, cholesky, dot, lower_inverse, times, transposed};
 
 /// Smallest pivot of a diagonal block that is divided by, as a share of its largest diagonal entry.
 const LEAST_PIVOT: f64 = 1e-9;
@@ -96,7 +96,20 @@ pub trait Law<const R: usize>: Sync {
     ) -> Vector<R>;
 }
 
-/// The impulse that solves the problem of one contact, given its impulse and its velocity u = A_ii p + b now.
+/// A contact's impulse after a step, and its change: both, because neither follows from the other without rounding.
+pub struct Step<const R: usize> {
+    pub impulse: Vector<R>,
+    pub change: Vector<R>,
+}
+
+impl<const R: usize> Step<R> {
+    pub fn to(impulse: Vector<R>, old: &Vector<R>) -> Self {
+        let change = std::array::from_fn(|r| impulse[r] - old[r]);
+        Self { impulse, change }
+    }
+}
+
+/// Solve the problem of one contact, given its impulse and its velocity u = A_ii p + b now.
 #[inline(always)]
 pub fn local_step<const R: usize, L: Law<R>>(
     law: &L,
@@ -104,18 +117,25 @@ pub fn local_step<const R: usize, L: Law<R>>(
     local: &L::Local,
     impulse: &Vector<R>,
     velocity: &Vector<R>,
-) -> Vector<R> {
-    let b: Vector<R> = std::array::from_fn(|r| velocity[r] - dot(&contact.block[r], impulse));
-    // A correction of the old impulse rather than -A_ii⁻¹ b: near the solution u is small, and so is its rounding.
-    let sticking: Vector<R> =
-        std::array::from_fn(|r| impulse[r] - dot(&contact.inverse[r], velocity));
+) -> Step<R> {
+    // A change of the old impulse rather than -A_ii⁻¹ b: near the solution u is small, and so is its rounding.
+    let change = times(&contact.inverse, velocity).map(|value| -value);
+    let sticking: Vector<R> = std::array::from_fn(|r| impulse[r] + change[r]);
+    let own = times(&contact.block, impulse);
+    let b: Vector<R> = std::array::from_fn(|r| velocity[r] - own[r]);
     if law.separates(contact.friction, &b) {
-        return [0.0; R];
+        return Step::to([0.0; R], impulse);
     }
     if law.contains(contact.friction, &sticking) {
-        return sticking;
+        return Step {
+            impulse: sticking,
+            change,
+        };
     }
-    leave_interior(law, contact, local, impulse, velocity, &b)
+    Step::to(
+        leave_interior(law, contact, local, impulse, velocity, &b),
+        impulse,
+    )
 }
 
 #[inline(never)]

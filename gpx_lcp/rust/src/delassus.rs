@@ -123,8 +123,18 @@ impl<const R: usize, const C: usize> BlockRows<R, C> {
                 }
             }
         }
-        std::array::from_fn(|r| sum[r].iter().sum())
+        std::array::from_fn(|r| sum_in_pairs(&sum[r]))
     }
+}
+
+/// Sum of the entries in the order that two-wide registers add them: odd and even entries apart.
+#[inline(always)]
+fn sum_in_pairs<const N: usize>(x: &[f64; N]) -> f64 {
+    let mut lanes = [0.0; 2];
+    for (k, value) in x.iter().enumerate() {
+        lanes[k % 2] += value;
+    }
+    lanes[0] + lanes[1]
 }
 
 /// What a sweep asks of A. The impulse it refers to is the one last set, with every change since.
@@ -249,11 +259,14 @@ impl<const R: usize, const D: usize> Delassus<R> for Factored<R, D> {
     fn add(&mut self, i: usize, change: &Vector<R>) {
         let Self { rows, state } = self;
         for block in rows.row(i) {
-            let w = &mut state[block.column];
-            for (values, step) in block.values.iter().zip(change) {
-                for (entry, value) in w.iter_mut().zip(values) {
-                    *entry += value * step;
+            let mut sum = [0.0; D];
+            for r in 0..R {
+                for c in 0..D {
+                    sum[c] += block.values[r][c] * change[r];
                 }
+            }
+            for (entry, value) in state[block.column].iter_mut().zip(&sum) {
+                *entry += value;
             }
         }
     }

@@ -9,7 +9,7 @@
 
 use std::time::{Duration, Instant};
 
-use crate::contact::{Contact, Law, local_step};
+use crate::contact::{Contact, Law, Step, local_step};
 use crate::delassus::Delassus;
 use crate::small_matrix::Vector;
 
@@ -204,29 +204,30 @@ impl<'a, const R: usize, A: Delassus<R>, L: Law<R>> Sweeper<'a, R, A, L> {
     }
 
     fn sweep(&mut self) {
-        self.visit(|_, _, exact, _| exact);
+        self.visit(|_, _, _, exact| exact);
     }
 
     fn relaxed_sweep(&mut self, relaxation: f64) {
-        self.visit(|law, friction, exact, old| {
-            law.project(
-                friction,
-                &std::array::from_fn(|r| old[r] + relaxation * (exact[r] - old[r])),
-            )
+        self.visit(|law, friction, old, exact| {
+            let relaxed = std::array::from_fn(|r| old[r] + relaxation * exact.change[r]);
+            Step::to(law.project(friction, &relaxed), old)
         });
     }
 
     #[inline(always)]
-    fn visit(&mut self, relax: impl Fn(&L, f64, Vector<R>, &Vector<R>) -> Vector<R>) {
+    fn visit(&mut self, relax: impl Fn(&L, f64, &Vector<R>, Step<R>) -> Step<R>) {
         for ((i, contact), local) in self.contacts.iter().zip(&self.locals) {
             let row = self.delassus.row(*i);
             let velocity: Vector<R> = std::array::from_fn(|r| row[r] - contact.target[r]);
             let old = self.impulse[*i];
-            let exact = local_step(self.law, contact, local, &old, &velocity);
-            let new = relax(self.law, contact.friction, exact, &old);
-            self.delassus
-                .add(*i, &std::array::from_fn(|r| new[r] - old[r]));
-            self.impulse[*i] = new;
+            let step = relax(
+                self.law,
+                contact.friction,
+                &old,
+                local_step(self.law, contact, local, &old, &velocity),
+            );
+            self.impulse[*i] = step.impulse;
+            self.delassus.add(*i, &step.change);
         }
     }
 

@@ -3,7 +3,10 @@
 //! Everything numerical lives in plain Rust modules that know nothing of Python; `python` is the only module that does,
 //! and it is compiled only with the `python` feature.
 
-#![allow(clippy::needless_range_loop, reason = "formulas on small matrices read best with their indices")]
+#![allow(
+    clippy::needless_range_loop,
+    reason = "formulas on small matrices read best with their indices"
+)]
 
 pub mod contact;
 pub mod delassus;

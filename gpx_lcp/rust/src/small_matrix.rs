@@ -12,9 +12,16 @@ pub fn dot<const N: usize>(x: &Vector<N>, y: &Vector<N>) -> f64 {
     sum
 }
 
+/// Product of a symmetric matrix with a vector, column by column so that it vectorises.
 #[inline(always)]
-pub fn times<const N: usize>(matrix: &Matrix<N>, x: &Vector<N>) -> Vector<N> {
-    std::array::from_fn(|r| dot(&matrix[r], x))
+pub fn times<const N: usize>(symmetric: &Matrix<N>, x: &Vector<N>) -> Vector<N> {
+    let mut sum = symmetric[0].map(|value| value * x[0]);
+    for k in 1..N {
+        for (entry, value) in sum.iter_mut().zip(&symmetric[k]) {
+            *entry += value * x[k];
+        }
+    }
+    sum
 }
 
 pub fn transposed<const N: usize>(matrix: &Matrix<N>) -> Matrix<N> {
