@@ -17,7 +17,7 @@ $(STAMP): $(SOURCES)
 	touch $(STAMP)
 
 compare: setup
-	$(BIN)/python -m benchmarks run stacks
+	$(BIN)/python -m benchmarks run stacks $(ARGUMENTS)
 
 test: setup
 	$(BIN)/python -m pytest
