@@ -32,7 +32,7 @@ def project_friction_cone(x: Array, friction: Array) -> Array:
     """
     normal, tangent = x[:, 0], x[:, 1:]
     length = _lengths(tangent)
-    inside = length <= friction * normal
+    inside = (length <= friction * normal) & (normal >= 0.0)
     on_ray = ~inside & (friction * length > -normal)
     ray = np.where(on_ray, (normal + friction * length) / (1.0 + friction**2), 0.0)
     shrink = np.where(inside, 1.0, friction * ray / np.where(length > 0.0, length, 1.0))
@@ -56,7 +56,7 @@ def friction_cone_derivative(x: Array, friction: Array) -> Array:
     contacts, rows = x.shape
     normal, tangent = x[:, 0], x[:, 1:]
     length = _lengths(tangent)
-    inside = length <= friction * normal
+    inside = (length <= friction * normal) & (normal >= 0.0)
     on_ray = ~inside & (friction * length > -normal)
     direction = tangent / np.where(length > 0.0, length, 1.0)[:, None]
     generator = np.column_stack((np.ones(contacts), friction[:, None] * direction))
