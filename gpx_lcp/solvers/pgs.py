@@ -1,12 +1,13 @@
 """Projected block Gauss-Seidel: visit the contacts in order, solve each one exactly, repeat; the sweeps run in Rust.
 
-With the other contacts held, contact i has the velocity u_i = A_ii p_i + b_i, and the formulation's own law makes that a
-problem of at most three unknowns: p_i = 0 (separate), u_i = 0 (stick) or the boundary of the cone (slide), of which the
-last takes one scalar equation. The relaxation ω takes p_i + ω(p_i* - p_i) instead of the solution p_i*, projected.
+With the other contacts held, contact i has the velocity u_i = A_ii p_i + b_i, and the formulation's own law makes that
+a problem of at most three unknowns: p_i = 0 (separate), u_i = 0 (stick) or the boundary of the cone (slide), of which
+the last takes one scalar equation. The relaxation ω takes p_i + ω(p_i* - p_i) instead of the solution p_i*, projected.
 
-It needs a row of A (a system given by A) or one body state w = Ĵᵀ p (a system given by J and M⁻¹: A = Ĵ Ĵᵀ is then never
-formed), so that a sweep costs the same whatever the accuracy. Information travels one contact a sweep or less: a
-column of n equal masses contracts its error by cos²(π/2n) a sweep, a mass R on a mass 1 by R/(1 + R).
+It needs a row of A (a system given by A) or one body state w = Ĵᵀ p (a system given by J and M⁻¹: A = Ĵ Ĵᵀ is then
+never formed), so that a sweep costs the same whatever the accuracy. Information travels one contact a sweep or less: a
+column of n equal masses contracts its error by cos²(π/2n) a sweep, a mass R on a mass 1 by R/(1 + R). Where sliding
+contacts make it cycle, a relaxation of 0.7 often ends that.
 
 Source: M. Jean, J. J. Moreau, *Unilaterality and dry friction in the dynamics of rigid body collections*, Contact
 Mechanics International Symposium (1992); V. Acary, M. Brémond, O. Huber, INRIA RR-9118 (2018), algorithm NSGS.

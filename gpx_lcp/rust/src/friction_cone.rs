@@ -200,9 +200,11 @@ impl<const R: usize> Law<R> for ConvexCone {
 
     /// Solve u = -α D p, pᵀD p = 0, p_n > 0 for α > 0, D = diag(-μ², 1, 1).
     ///
-    /// In the basis that diagonalises A and D, with g = Vᵀb and β = α|λ₀|: y₀ = -g₀/(1 - β), y_k = -g_k/(1 + βκ_k), and the
-    /// cone is y₀ = N(β) = √Σ κ_k y_k². On the side of the upper half cone β lies in (0, 1) when g₀ < 0 and in (1, ∞)
-    /// when g₀ > 0. In δ = 1/|1 - β| the equation h = δ|g₀|/N - 1 = 0 is increasing, and linear where κ₁ = κ₂.
+    /// In the basis that diagonalises A and D, with g = Vᵀb and β = α|λ₀|: y₀ = -g₀/(1 - β),
+    /// y_k = -g_k/(1 + βκ_k), and the cone is y₀ = N(β) = √Σ κ_k y_k². On the side of the upper half cone β lies in
+    /// (0, 1) when g₀ < 0 and in (1, ∞) when g₀ > 0. In δ = 1/|1 - β| the equation h = δ|g₀|/N - 1 = 0 is increasing,
+    /// and linear where κ₁ = κ₂. The unknown is x > 0 with δ = 1 + x in the first case and δ = x in the second, so
+    /// that a small β, which small friction brings, keeps its digits.
     fn slide(
         &self,
         contact: &Contact<R>,
@@ -211,11 +213,12 @@ impl<const R: usize> Law<R> for ConvexCone {
     ) -> Option<Vector<R>> {
         let columns = transposed(&local.vectors);
         let g: Vector<R> = std::array::from_fn(|k| dot(&columns[k], b));
-        let side = if g[0] < 0.0 { 1.0 } else { -1.0 };
-        let lowest = if g[0] < 0.0 { 1.0 } else { 0.0 };
-        // A vanishing g₀ has its root at δ = ∞, β = 1; the search then ends with a δ whose inverse is below rounding.
-        let delta = increasing_root(lowest, 1.0, 1.0, |delta| {
-            let beta = 1.0 - side / delta;
+        let before = g[0] < 0.0;
+        let (side, first) = if before { (1.0, 1.0) } else { (-1.0, 0.0) };
+        let beta_of = |x: f64| if before { x / (1.0 + x) } else { 1.0 + 1.0 / x };
+        // A vanishing g₀ has its root at x = ∞, β = 1; the search then ends where β differs from 1 by rounding alone.
+        let x = increasing_root(0.0, 1.0 - first, 1.0, |x| {
+            let (beta, delta) = (beta_of(x), first + x);
             let (mut square, mut slope) = (0.0, 0.0);
             for k in 1..R {
                 let soft = 1.0 / (1.0 + beta * local.kappa[k]);
@@ -229,7 +232,7 @@ impl<const R: usize> Law<R> for ConvexCone {
                 rate * (1.0 - side * slope / (square * delta)),
             )
         });
-        let beta = 1.0 - side / delta;
+        let beta = beta_of(x);
         let mut y = [0.0; R];
         for k in 1..R {
             y[k] = -g[k] / (1.0 + beta * local.kappa[k]);
@@ -318,11 +321,12 @@ fn onto_boundary<const R: usize>(friction: f64, impulse: &Vector<R>) -> Vector<R
 #[inline]
 pub fn project<const R: usize>(friction: f64, x: &Vector<R>) -> Vector<R> {
     let length = tangent_length(x);
-    if length <= friction * x[0] {
-        return *x;
-    }
+    // The polar cone first: without friction or tangent the two tests overlap on the negative normals.
     if friction * length <= -x[0] {
         return [0.0; R];
+    }
+    if length <= friction * x[0] {
+        return *x;
     }
     let normal = (x[0] + friction * length) / (1.0 + friction * friction);
     let mut result = *x;
