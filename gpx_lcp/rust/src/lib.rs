@@ -8,12 +8,16 @@
     reason = "formulas on small matrices read best with their indices"
 )]
 
+pub mod bodies;
+pub mod collision;
 pub mod contact;
 pub mod delassus;
 pub mod friction_cone;
 pub mod gauss_seidel;
+pub mod integration;
 pub mod polygon;
 pub mod small_matrix;
+pub mod stacking;
 
 #[cfg(feature = "python")]
 mod python;

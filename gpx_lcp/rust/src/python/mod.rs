@@ -1,6 +1,7 @@
 //! The border to Python: converts arrays, releases the interpreter lock, turns errors into Python's exceptions.
 
 mod gauss_seidel;
+mod scene;
 
 use pyo3::prelude::*;
 
@@ -10,6 +11,7 @@ mod _core {
 
     #[pymodule_export]
     use super::gauss_seidel::gauss_seidel;
+    use super::scene::{Bodies, Contacts, State};
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {

@@ -1,0 +1,213 @@
+//! From poses to contacts: which bodies may touch within the step, and where.
+//!
+//! The broad phase is parry's bounding-volume hierarchy over boxes that are as much wider as the body can travel in the
+//! step; the narrow phase makes one manifold per pair that is left. Nothing is carried over from one step to the next,
+//! so that the same state always gives the same contacts; what touches is named by features, which is what lets the
+//! impulses of one step start the next.
+
+pub mod manifold;
+pub mod separation;
+pub mod solid;
+
+use parry3d_f64::math::{Pose, Vector};
+use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy, BvhWorkspace};
+
+use crate::bodies::{Bodies, Twist};
+use solid::FeatureId;
+
+/// Gap below which bodies count as touching even at rest, as a share of the body's size: above rounding, far below
+/// anything that would bring in neighbours.
+const REST_MARGIN: f64 = 1e-6;
+/// A point that moved less than this share of its body's size between two steps is the same contact, whatever its
+/// features are called now.
+const SAME_POINT: f64 = 0.05;
+
+/// One contact: bodies by their index (those that never move follow the moving ones), `a` the one that never moves or
+/// has the lower index.
+#[derive(Clone, Copy, Debug)]
+pub struct Contact {
+    pub bodies: [u32; 2],
+    pub features: [FeatureId; 2],
+    /// World frame, halfway between the surfaces, m.
+    pub point: Vector,
+    /// Rows: normal from a to b, then two tangents.
+    pub frame: [Vector; 3],
+    /// Negative is penetration, m.
+    pub gap: f64,
+}
+
+/// Every contact that bodies may come to within `time_step`, moving at `velocities`; sorted by pair of bodies.
+pub fn detect(
+    bodies: &Bodies,
+    poses: &[Pose],
+    velocities: &[Twist],
+    time_step: f64,
+) -> Vec<Contact> {
+    let pose = |body: usize| match body.checked_sub(bodies.moving) {
+        None => &poses[body],
+        Some(fixed) => &bodies.fixed_poses[fixed],
+    };
+    let margins: Vec<f64> = (0..bodies.len())
+        .map(|body| {
+            let bound = bodies.solids[body]
+                .as_ref()
+                .map_or(0.0, solid::Solid::bound);
+            let speed = velocities
+                .get(body)
+                .map_or(0.0, |v| v.linear.length() + v.angular.length() * bound);
+            time_step * speed + REST_MARGIN * bound
+        })
+        .collect();
+    let mut contacts = Vec::new();
+    for [a, b] in pairs(bodies, &pose, &margins) {
+        let (Some(solid_a), Some(solid_b)) = (&bodies.solids[a], &bodies.solids[b]) else {
+            continue;
+        };
+        let prediction = margins[a] + margins[b];
+        let Some((normal, points)) =
+            manifold::manifold(solid_a, pose(a), solid_b, pose(b), prediction)
+        else {
+            continue;
+        };
+        let frame = frame(normal);
+        contacts.extend(points.into_iter().map(|point| Contact {
+            bodies: [a as u32, b as u32],
+            features: point.features,
+            point: point.position,
+            frame,
+            gap: point.gap,
+        }));
+    }
+    contacts
+}
+
+/// Pairs that may touch, at least one of them moving, in ascending order.
+fn pairs<'b>(
+    bodies: &Bodies,
+    pose: &impl Fn(usize) -> &'b Pose,
+    margins: &[f64],
+) -> Vec<[usize; 2]> {
+    let mut bounded = Vec::new();
+    let mut unbounded = Vec::new();
+    for (body, solid) in bodies.solids.iter().enumerate() {
+        let Some(solid) = solid else { continue };
+        match solid.aabb(pose(body), margins[body]) {
+            Some(aabb) => bounded.push((body, aabb)),
+            None => unbounded.push(body),
+        }
+    }
+    let mut pairs = Vec::new();
+    for &plane in &unbounded {
+        let moving = bounded.iter().filter(|(body, _)| *body < bodies.moving);
+        pairs.extend(moving.map(|(body, _)| [plane, *body]));
+    }
+    let tree = Bvh::from_iter(BvhBuildStrategy::Binned, bounded);
+    tree.traverse_bvtt_single_tree::<false>(&mut BvhWorkspace::default(), &mut |one, other| {
+        let (low, high) = (one.min(other) as usize, one.max(other) as usize);
+        if high < bodies.moving {
+            pairs.push([low, high]);
+        } else if low < bodies.moving {
+            pairs.push([high, low]);
+        }
+    });
+    // The moving body first in the order, so that contacts of one body stand together.
+    pairs.sort_unstable_by_key(|&[a, b]| (b, a));
+    pairs
+}
+
+/// A right-handed frame with the normal first; a vertical normal has its tangents along x and y.
+pub fn frame(normal: Vector) -> [Vector; 3] {
+    let seed = if normal.x.abs() < 0.9 {
+        Vector::X
+    } else {
+        Vector::Y
+    };
+    let first = (seed - normal * normal.dot(seed)).normalize();
+    [normal, first, normal.cross(first)]
+}
+
+/// Start impulses for `contacts`, world frame turned into theirs: those of the same contact one step before.
+///
+/// A contact is the same where its bodies are and its features have the same names; a contact whose features are not
+/// found takes the impulse of the nearest one left over in the pair, if that is near.
+pub fn match_impulses(
+    bodies: &Bodies,
+    contacts: &[Contact],
+    previous: &[Contact],
+    impulses: &[[f64; 3]],
+) -> Vec<[f64; 3]> {
+    let mut start = vec![[0.0; 3]; contacts.len()];
+    let key = |contact: &Contact| (contact.bodies[1], contact.bodies[0]);
+    let mut before = 0;
+    let mut now = 0;
+    while now < contacts.len() && before < previous.len() {
+        if key(&previous[before]) < key(&contacts[now]) {
+            before += 1;
+            continue;
+        }
+        let pair = key(&contacts[now]);
+        let new_end = now + run_length(&contacts[now..], |c| key(c) == pair);
+        let old_end = before + run_length(&previous[before..], |c| key(c) == pair);
+        let bound = |body: u32| {
+            bodies.solids[body as usize]
+                .as_ref()
+                .map_or(0.0, solid::Solid::bound)
+        };
+        let reach = SAME_POINT * bound(pair.0).max(bound(pair.1));
+        match_pair(
+            &contacts[now..new_end],
+            &previous[before..old_end],
+            &impulses[before..old_end],
+            reach,
+            &mut start[now..new_end],
+        );
+        (now, before) = (new_end, old_end);
+    }
+    start
+}
+
+fn run_length(contacts: &[Contact], same: impl Fn(&Contact) -> bool) -> usize {
+    contacts.iter().take_while(|c| same(c)).count()
+}
+
+fn match_pair(
+    contacts: &[Contact],
+    previous: &[Contact],
+    impulses: &[[f64; 3]],
+    reach: f64,
+    start: &mut [[f64; 3]],
+) {
+    let mut taken = vec![false; previous.len()];
+    let mut found = vec![None; contacts.len()];
+    for (contact, found) in contacts.iter().zip(&mut found) {
+        let same = |k: &usize| !taken[*k] && previous[*k].features == contact.features;
+        *found = (0..previous.len()).find(same);
+        if let Some(k) = *found {
+            taken[k] = true;
+        }
+    }
+    for (contact, found) in contacts.iter().zip(&mut found) {
+        if found.is_some() {
+            continue;
+        }
+        let distance = |k: usize| previous[k].point.distance(contact.point);
+        let nearest = (0..previous.len())
+            .filter(|k| !taken[*k] && distance(*k) <= reach)
+            .min_by(|j, k| distance(*j).total_cmp(&distance(*k)));
+        if let Some(k) = nearest {
+            *found = Some(k);
+            taken[k] = true;
+        }
+    }
+    for ((contact, found), start) in contacts.iter().zip(found).zip(start) {
+        let Some(k) = found else { continue };
+        // The normal part is kept; the tangential part follows the frame, which turns with the normal.
+        let [n, t1, t2] = impulses[k];
+        let tangential = previous[k].frame[1] * t1 + previous[k].frame[2] * t2;
+        *start = [
+            n,
+            tangential.dot(contact.frame[1]),
+            tangential.dot(contact.frame[2]),
+        ];
+    }
+}

@@ -1,0 +1,363 @@
+//! The shapes that collide, and the three questions that contact generation asks of them: the support point of a
+//! direction, the face or edge that looks that way, and the nearest point of the surface.
+
+use parry3d_f64::bounding_volume::Aabb;
+use parry3d_f64::math::{Pose, Vector};
+use parry3d_f64::query::PointQuery;
+use parry3d_f64::shape::{
+    ConvexPolyhedron, Cuboid, Cylinder as AxisYCylinder, Segment, SharedShape, SupportMap,
+};
+
+/// Corners of the polygon that stands for the flat cap of a cylinder; all of them lie on its rim.
+const CAP_CORNERS: usize = 8;
+/// A cylinder touches with its cap where the direction is steeper than this against its axis, else with its side.
+const CAP_COSINE: f64 = 0.5;
+
+const VERTEX: u32 = 1 << 30;
+const EDGE: u32 = 2 << 30;
+const FACE: u32 = 3 << 30;
+
+/// The name of a vertex, edge or face: equal between steps while the same features touch.
+pub type FeatureId = u32;
+
+pub fn edge_id(face: u32, side: usize) -> FeatureId {
+    EDGE | (face << 8) | side as u32
+}
+
+/// A shape in the frame of its body, whose origin is the centre of mass.
+#[derive(Clone)]
+pub enum Solid {
+    Sphere {
+        radius: f64,
+    },
+    /// Everything below the plane through the body's position.
+    HalfSpace {
+        normal: Vector,
+    },
+    Convex(Convex),
+}
+
+/// A convex core, thickened by a border: a capsule is a segment with a border.
+#[derive(Clone)]
+pub struct Convex {
+    pub core: Core,
+    pub border: f64,
+    /// Radius of the smallest ball about the origin that holds the shape, m.
+    pub bound: f64,
+}
+
+#[derive(Clone)]
+pub enum Core {
+    Polytope(Polytope),
+    Segment { half_length: f64 },
+    Cylinder { radius: f64, half_length: f64 },
+}
+
+/// A polyhedron with planar faces; a box is one of them.
+#[derive(Clone)]
+pub struct Polytope {
+    pub points: Vec<Vector>,
+    pub faces: Vec<Face>,
+    /// Directions of the edges, each once whatever its sign.
+    pub edge_directions: Vec<Vector>,
+    /// Every edge as its two vertices and the index of its direction.
+    pub edges: Vec<([u32; 2], usize)>,
+    surface: SharedShape,
+}
+
+#[derive(Clone)]
+pub struct Face {
+    pub normal: Vector,
+    /// Vertices in counter-clockwise order seen from outside.
+    pub vertices: Vec<u32>,
+}
+
+/// The polygon (three points or more) or the edge (two) of a shape that looks along a direction.
+pub struct Feature {
+    pub points: Vec<Vector>,
+    pub ids: Vec<FeatureId>,
+    pub face: u32,
+}
+
+impl Feature {
+    pub fn face_id(&self) -> FeatureId {
+        FACE | self.face
+    }
+}
+
+impl Solid {
+    pub fn bound(&self) -> f64 {
+        match self {
+            Solid::Sphere { radius } => *radius,
+            Solid::HalfSpace { .. } => 0.0,
+            Solid::Convex(convex) => convex.bound,
+        }
+    }
+
+    /// The box around the shape in its pose, `margin` wider on every side; None for what has no bounds.
+    pub fn aabb(&self, pose: &Pose, margin: f64) -> Option<Aabb> {
+        let half = match self {
+            Solid::Sphere { radius } => Vector::splat(*radius),
+            Solid::HalfSpace { .. } => return None,
+            Solid::Convex(convex) => {
+                let mut low = Vector::ZERO;
+                let mut high = Vector::ZERO;
+                for axis in 0..3 {
+                    let mut unit = Vector::ZERO;
+                    unit[axis] = 1.0;
+                    let local = pose.rotation.inverse() * unit;
+                    high[axis] = convex.support(local).dot(local);
+                    low[axis] = convex.support(-local).dot(local);
+                }
+                let margin = Vector::splat(margin);
+                return Some(Aabb::new(
+                    pose.translation + low - margin,
+                    pose.translation + high + margin,
+                ));
+            }
+        };
+        Some(Aabb::from_half_extents(
+            pose.translation,
+            half + Vector::splat(margin),
+        ))
+    }
+}
+
+impl Convex {
+    pub fn cuboid(half: Vector) -> Self {
+        let corner = |i: usize| {
+            let sign = |bit: usize| if i >> bit & 1 == 1 { 1.0 } else { -1.0 };
+            Vector::new(sign(0), sign(1), sign(2)) * half
+        };
+        let faces = [
+            (Vector::NEG_X, [0, 4, 6, 2]),
+            (Vector::X, [1, 3, 7, 5]),
+            (Vector::NEG_Y, [0, 1, 5, 4]),
+            (Vector::Y, [2, 6, 7, 3]),
+            (Vector::NEG_Z, [0, 2, 3, 1]),
+            (Vector::Z, [4, 5, 7, 6]),
+        ]
+        .map(|(normal, vertices)| Face {
+            normal,
+            vertices: vertices.to_vec(),
+        });
+        let surface = SharedShape::new(Cuboid::new(half));
+        Self::polytope((0..8).map(corner).collect(), faces.to_vec(), surface)
+    }
+
+    /// The convex hull of points; None where they span no volume.
+    pub fn hull(points: &[Vector]) -> Option<Self> {
+        let hull = ConvexPolyhedron::from_convex_hull(points)?;
+        let faces = hull
+            .faces()
+            .iter()
+            .map(|face| {
+                let first = face.first_vertex_or_edge as usize;
+                let range = first..first + face.num_vertices_or_edges as usize;
+                Face {
+                    normal: face.normal,
+                    vertices: hull.vertices_adj_to_face()[range].to_vec(),
+                }
+            })
+            .collect();
+        Some(Self::polytope(
+            hull.points().to_vec(),
+            faces,
+            SharedShape::new(hull),
+        ))
+    }
+
+    fn polytope(points: Vec<Vector>, faces: Vec<Face>, surface: SharedShape) -> Self {
+        let mut edge_directions: Vec<Vector> = Vec::new();
+        let mut edges = Vec::new();
+        for face in &faces {
+            for (side, &start) in face.vertices.iter().enumerate() {
+                let end = face.vertices[(side + 1) % face.vertices.len()];
+                if start > end {
+                    continue; // the neighbouring face lists the same edge the other way round
+                }
+                let direction = (points[end as usize] - points[start as usize]).normalize();
+                let known = edge_directions
+                    .iter()
+                    .position(|other| other.cross(direction).length() < 1e-9);
+                edges.push(([start, end], known.unwrap_or(edge_directions.len())));
+                if known.is_none() {
+                    edge_directions.push(direction);
+                }
+            }
+        }
+        let bound = points.iter().map(|p| p.length()).fold(0.0, f64::max);
+        Convex {
+            core: Core::Polytope(Polytope {
+                points,
+                faces,
+                edge_directions,
+                edges,
+                surface,
+            }),
+            border: 0.0,
+            bound,
+        }
+    }
+
+    /// A capsule along z: the segment of `half_length` on either side, thickened by `radius`.
+    pub fn capsule(radius: f64, half_length: f64) -> Self {
+        Convex {
+            core: Core::Segment { half_length },
+            border: radius,
+            bound: half_length + radius,
+        }
+    }
+
+    /// A cylinder along z.
+    pub fn cylinder(radius: f64, half_length: f64) -> Self {
+        Convex {
+            core: Core::Cylinder {
+                radius,
+                half_length,
+            },
+            border: 0.0,
+            bound: radius.hypot(half_length),
+        }
+    }
+
+    /// The point of the surface that lies furthest along a unit direction.
+    pub fn support(&self, direction: Vector) -> Vector {
+        self.core.local_support_point(direction) + direction * self.border
+    }
+
+    /// The normals of the flat faces.
+    pub fn face_normals(&self) -> impl Iterator<Item = Vector> {
+        let (faces, caps) = match &self.core {
+            Core::Polytope(polytope) => (polytope.faces.as_slice(), 0),
+            Core::Segment { .. } => (&[] as &[Face], 0),
+            Core::Cylinder { .. } => (&[] as &[Face], 2),
+        };
+        let caps = [Vector::Z, Vector::NEG_Z].into_iter().take(caps);
+        faces.iter().map(|face| face.normal).chain(caps)
+    }
+
+    /// The face or edge of the core that looks along a unit direction.
+    pub fn feature(&self, direction: Vector) -> Feature {
+        match &self.core {
+            Core::Polytope(polytope) => {
+                let mut best = 0;
+                let mut height = f64::NEG_INFINITY;
+                for (index, face) in polytope.faces.iter().enumerate() {
+                    let along = face.normal.dot(direction);
+                    if along > height {
+                        (best, height) = (index, along);
+                    }
+                }
+                let vertices = &polytope.faces[best].vertices;
+                Feature {
+                    points: vertices
+                        .iter()
+                        .map(|&v| polytope.points[v as usize])
+                        .collect(),
+                    ids: vertices.iter().map(|v| VERTEX | v).collect(),
+                    face: best as u32,
+                }
+            }
+            Core::Segment { half_length } => Feature {
+                points: vec![Vector::Z * -half_length, Vector::Z * *half_length],
+                ids: vec![VERTEX, VERTEX | 1],
+                face: 0,
+            },
+            Core::Cylinder {
+                radius,
+                half_length,
+            } => cylinder_feature(*radius, *half_length, direction),
+        }
+    }
+
+    /// The nearest point of the core's surface to a point, and whether the point lies inside the core.
+    pub fn nearest(&self, point: Vector) -> (Vector, bool) {
+        match &self.core {
+            Core::Polytope(polytope) => {
+                let projection = polytope.surface.project_local_point(point, false);
+                (projection.point, projection.is_inside)
+            }
+            Core::Segment { half_length } => {
+                let segment = Segment::new(Vector::Z * -half_length, Vector::Z * *half_length);
+                (segment.project_local_point(point, false).point, false)
+            }
+            Core::Cylinder {
+                radius,
+                half_length,
+            } => {
+                let turned = AxisYCylinder::new(*half_length, *radius);
+                let projection = turned.project_local_point(swapped(point), false);
+                (swapped(projection.point), projection.is_inside)
+            }
+        }
+    }
+}
+
+/// parry's cylinders stand along y, ours along z; which hand the frame has does not matter to distances.
+fn swapped(v: Vector) -> Vector {
+    Vector::new(v.x, v.z, v.y)
+}
+
+/// The side of a cylinder towards a direction as one segment, or a cap as a polygon with a corner at the direction's
+/// azimuth, which is where a tilted cylinder touches.
+fn cylinder_feature(radius: f64, half_length: f64, direction: Vector) -> Feature {
+    let radial = direction.truncate();
+    let azimuth = if radial.length() > 1e-6 {
+        radial.normalize()
+    } else {
+        Vector::X.truncate()
+    };
+    if direction.z.abs() < CAP_COSINE {
+        let foot = (azimuth * radius).extend(-half_length);
+        return Feature {
+            points: vec![foot, foot + Vector::Z * (2.0 * half_length)],
+            ids: vec![VERTEX, VERTEX | 1],
+            face: 0,
+        };
+    }
+    let up = direction.z > 0.0;
+    let turn = if up { 1.0 } else { -1.0 };
+    let points = (0..CAP_CORNERS)
+        .map(|corner| {
+            let angle = turn * std::f64::consts::TAU * corner as f64 / CAP_CORNERS as f64;
+            let (sine, cosine) = angle.sin_cos();
+            let x = azimuth.x * cosine - azimuth.y * sine;
+            let y = azimuth.x * sine + azimuth.y * cosine;
+            Vector::new(x * radius, y * radius, turn * half_length)
+        })
+        .collect();
+    let face = if up { 1 } else { 2 };
+    let ids = (0..CAP_CORNERS as u32).map(|c| VERTEX | (face << 8) | c);
+    Feature {
+        points,
+        ids: ids.collect(),
+        face,
+    }
+}
+
+impl SupportMap for Core {
+    fn local_support_point(&self, direction: Vector) -> Vector {
+        match self {
+            Core::Polytope(polytope) => {
+                let mut best = polytope.points[0];
+                let mut height = best.dot(direction);
+                for &point in &polytope.points[1..] {
+                    let along = point.dot(direction);
+                    if along > height {
+                        (best, height) = (point, along);
+                    }
+                }
+                best
+            }
+            Core::Segment { half_length } => Vector::Z * half_length.copysign(direction.z),
+            Core::Cylinder {
+                radius,
+                half_length,
+            } => {
+                let radial = direction.truncate().normalize_or_zero() * *radius;
+                radial.extend(half_length.copysign(direction.z))
+            }
+        }
+    }
+}
