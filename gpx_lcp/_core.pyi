@@ -1,14 +1,76 @@
 """The native core; every name here is wrapped by a public one in `gpx_lcp`."""
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, final
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["BUILD_PROFILE", "gauss_seidel"]
+__all__ = ["BUILD_PROFILE", "Bodies", "Contacts", "State", "gauss_seidel"]
+
+Floats = npt.NDArray[np.float64]
 
 BUILD_PROFILE: str
 
 def gauss_seidel(
     matrix: dict[str, Any], question: dict[str, Any], effort: dict[str, Any]
 ) -> tuple[npt.NDArray[np.float64], str, int, npt.NDArray[np.int64], npt.NDArray[np.float64], float]: ...
+
+@final
+class Bodies:
+    def __new__(
+        cls,
+        moving: int,
+        shapes: Sequence[tuple[str, Floats]],
+        materials: Sequence[tuple[float, int, float, int]],
+        masses: Floats,
+        inertias: Floats,
+        fixed_poses: Floats,
+    ) -> Bodies: ...
+    def free_velocities(
+        self, state: State, forces: Floats, gravity: tuple[float, float, float], time_step: float
+    ) -> Floats: ...
+    def detect(self, state: State, free_velocities: Floats, time_step: float) -> Contacts: ...
+    def match_impulses(self, contacts: Contacts, previous: Contacts, impulses: Floats) -> Floats: ...
+    def stack(
+        self,
+        state: State,
+        contacts: Contacts,
+        free_velocities: Floats,
+        time_step: float,
+        gravity: float,
+        rows: int,
+        columns: int,
+    ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], Floats, Floats]: ...
+    def inverse_mass(self, state: State, columns: int) -> Floats: ...
+
+@final
+class State:
+    def __new__(cls, positions: Floats, orientations: Floats, velocities: Floats) -> State: ...
+    def advanced(self, velocities: Floats, pose_velocities: Floats, time_step: float) -> State: ...
+    @property
+    def positions(self) -> Floats: ...
+    @property
+    def orientations(self) -> Floats: ...
+    @property
+    def velocities(self) -> Floats: ...
+
+@final
+class Contacts:
+    def __len__(self) -> int: ...
+    @property
+    def body_a(self) -> npt.NDArray[np.int64]: ...
+    @property
+    def body_b(self) -> npt.NDArray[np.int64]: ...
+    @property
+    def features(self) -> npt.NDArray[np.uint32]: ...
+    @property
+    def points(self) -> Floats: ...
+    @property
+    def frames(self) -> Floats: ...
+    @property
+    def gaps(self) -> Floats: ...
+    @property
+    def friction(self) -> Floats: ...
+    @property
+    def sizes(self) -> Floats: ...

@@ -85,6 +85,17 @@ impl Bodies {
         self.masses.get(body).copied().unwrap_or(f64::INFINITY)
     }
 
+    /// Radius of the ball about its centre of mass that holds a body; zero where it has no shape or no bounds.
+    pub fn bound(&self, body: usize) -> f64 {
+        self.solids[body].as_ref().map_or(0.0, Solid::bound)
+    }
+
+    /// Bounding radius of the smaller body of a pair.
+    pub fn size(&self, pair: [u32; 2]) -> f64 {
+        let [a, b] = pair.map(|body| self.bound(body as usize));
+        if a == 0.0 { b } else { a.min(b) }
+    }
+
     /// Coulomb's coefficient of a pair.
     pub fn friction(&self, pair: [u32; 2]) -> f64 {
         let [a, b] = pair.map(|body| self.materials[body as usize]);

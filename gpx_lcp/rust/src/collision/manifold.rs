@@ -35,13 +35,7 @@ pub fn manifold(
             let between = pose_b.translation - pose_a.translation;
             let normal = between.normalize_or(Vector::Z);
             let on_a = pose_a.translation + normal * *ra;
-            one_point(
-                normal,
-                on_a,
-                between.length() - ra - rb,
-                [0, 0],
-                prediction,
-            )
+            one_point(normal, on_a, between.length() - ra - rb, [0, 0], prediction)
         }
         (Solid::HalfSpace { normal }, Solid::Sphere { radius }) => {
             let normal = pose_a.rotation * *normal;
@@ -60,9 +54,7 @@ pub fn manifold(
         (Solid::Convex(convex), Solid::Sphere { radius }) => {
             convex_sphere(convex, pose_a, *radius, pose_b, prediction)
         }
-        (Solid::Convex(ca), Solid::Convex(cb)) => {
-            convex_convex(ca, pose_a, cb, pose_b, prediction)
-        }
+        (Solid::Convex(ca), Solid::Convex(cb)) => convex_convex(ca, pose_a, cb, pose_b, prediction),
         (Solid::HalfSpace { .. }, Solid::HalfSpace { .. }) => None,
         (Solid::Sphere { .. } | Solid::Convex(_), _) => {
             let (normal, mut points) = manifold(b, pose_b, a, pose_a, prediction)?;
@@ -180,15 +172,13 @@ fn convex_convex(
             }
             _ => Vec::new(),
         },
-        Origin::Points(pa, pb) => {
-            overlap(&feature_a, &feature_b, normal).unwrap_or_else(|| {
-                vec![Point {
-                    position: 0.5 * (pa + pb),
-                    gap: (pb - pa).dot(normal),
-                    features: [feature_a.face_id(), feature_b.face_id()],
-                }]
-            })
-        }
+        Origin::Points(pa, pb) => overlap(&feature_a, &feature_b, normal).unwrap_or_else(|| {
+            vec![Point {
+                position: 0.5 * (pa + pb),
+                gap: (pb - pa).dot(normal),
+                features: [feature_a.face_id(), feature_b.face_id()],
+            }]
+        }),
     };
     for point in &mut points {
         point.gap -= a.border + b.border;
@@ -313,8 +303,7 @@ fn edge_contact(
     normal: Vector,
 ) -> Point {
     let (index_a, a0, a1) = outermost_edge(a, direction_a, normal);
-    let (index_b, b0, b1) =
-        outermost_edge(b, direction_b, b_in_a.rotation.inverse() * -normal);
+    let (index_b, b0, b1) = outermost_edge(b, direction_b, b_in_a.rotation.inverse() * -normal);
     let (b0, b1) = (b_in_a.transform_point(b0), b_in_a.transform_point(b1));
     let (da, db, r) = (a1 - a0, b1 - b0, b0 - a0);
     // The lines' nearest points; they are not parallel, or they would be no candidate.

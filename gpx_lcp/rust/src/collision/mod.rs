@@ -49,9 +49,7 @@ pub fn detect(
     };
     let margins: Vec<f64> = (0..bodies.len())
         .map(|body| {
-            let bound = bodies.solids[body]
-                .as_ref()
-                .map_or(0.0, solid::Solid::bound);
+            let bound = bodies.bound(body);
             let speed = velocities
                 .get(body)
                 .map_or(0.0, |v| v.linear.length() + v.angular.length() * bound);
@@ -148,12 +146,7 @@ pub fn match_impulses(
         let pair = key(&contacts[now]);
         let new_end = now + run_length(&contacts[now..], |c| key(c) == pair);
         let old_end = before + run_length(&previous[before..], |c| key(c) == pair);
-        let bound = |body: u32| {
-            bodies.solids[body as usize]
-                .as_ref()
-                .map_or(0.0, solid::Solid::bound)
-        };
-        let reach = SAME_POINT * bound(pair.0).max(bound(pair.1));
+        let reach = SAME_POINT * bodies.size([pair.0, pair.1]);
         match_pair(
             &contacts[now..new_end],
             &previous[before..old_end],

@@ -11,6 +11,7 @@ mod _core {
 
     #[pymodule_export]
     use super::gauss_seidel::gauss_seidel;
+    #[pymodule_export]
     use super::scene::{Bodies, Contacts, State};
 
     #[pymodule_init]

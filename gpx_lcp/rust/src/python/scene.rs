@@ -35,6 +35,7 @@ pub struct Contacts {
     /// Bodies from this index on never move.
     moving: usize,
     friction: Vec<f64>,
+    sizes: Vec<f64>,
 }
 
 #[pymethods]
@@ -139,6 +140,7 @@ impl Bodies {
         })?;
         Ok(Contacts {
             friction: contacts.iter().map(|c| self.0.friction(c.bodies)).collect(),
+            sizes: contacts.iter().map(|c| self.0.size(c.bodies)).collect(),
             contacts,
             moving: self.0.moving,
         })
@@ -327,6 +329,12 @@ impl Contacts {
     #[getter]
     fn gaps<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         PyArray1::from_iter(py, self.contacts.iter().map(|c| c.gap))
+    }
+
+    /// (n,): bounding radius of the smaller body of each pair, m.
+    #[getter]
+    fn sizes<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, &self.sizes)
     }
 
     /// (n,), Coulomb's coefficient of each pair.
