@@ -131,7 +131,7 @@ class StackedSystem:
         if self._A is not None:
             return self._A
         assert self.whitened_jacobian is not None
-        product = sp.csr_array(self.whitened_jacobian @ self.whitened_jacobian.T)
+        product = sp.csr_array(self.whitened_jacobian @ self._whitened_transpose)
         product.data.flags.writeable = False
         return product
 
@@ -143,6 +143,12 @@ class StackedSystem:
         factors = _semidefinite_factors(self.inverse_mass)
         data = np.einsum("krd,kde->kre", self.jacobian.data, factors[self.jacobian.indices])
         return sp.bsr_array((data, self.jacobian.indices, self.jacobian.indptr), shape=self.jacobian.shape)
+
+    @cached_property
+    def _whitened_transpose(self) -> sp.bsr_array:
+        """Ĵᵀ, kept: scipy works a transpose out anew each time."""
+        assert self.whitened_jacobian is not None
+        return self.whitened_jacobian.T
 
     @cached_property
     def scale(self) -> Array:
@@ -165,7 +171,7 @@ class StackedSystem:
         """Return A p as (n, rows), m/s, for impulses of shape (n, rows), N s, without forming A."""
         flat = impulse.reshape(-1)
         factor = self.whitened_jacobian
-        product = self.A @ flat if factor is None else factor @ (factor.T @ flat)
+        product = self.A @ flat if factor is None else factor @ (self._whitened_transpose @ flat)
         return np.asarray(product).reshape(self.contacts, self.rows)
 
     def velocity(self, impulse: Array) -> Array:

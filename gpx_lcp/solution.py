@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import cached_property
 from typing import Any
 
-from formulations.certificate import Certificate
+from formulations import Certificate, StackedSystem, certify
 from formulations.checks import Array
 
 
@@ -28,8 +29,12 @@ class Status(Enum):
 class Solution:
     """The best impulses found, with what is true of them.
 
+    Velocity and certificate are worked out when first asked for: time steps that nobody looks at pay for neither.
+
     Attributes
     ----------
+    system : StackedSystem
+        What was asked.
     impulse : (n, rows) array, N s
         Contact impulses on body b, normal first.
     velocity : (n, rows) array, m/s
@@ -53,10 +58,9 @@ class Solution:
         The solver's own figures.
     """
 
+    system: StackedSystem
     impulse: Array
-    velocity: Array
     status: Status
-    certificate: Certificate
     program_residual: float
     method: str
     fallbacks: tuple[str, ...]
@@ -65,6 +69,16 @@ class Solution:
     solve_seconds: float
     history: tuple[tuple[int, float], ...] = ()
     extras: Mapping[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def velocity(self) -> Array:
+        """The contact velocities after the impulses."""
+        return self.system.velocity(self.impulse)
+
+    @cached_property
+    def certificate(self) -> Certificate:
+        """The impulses against the exact Coulomb law."""
+        return certify(self.system, self.impulse)
 
     def __repr__(self) -> str:
         return (

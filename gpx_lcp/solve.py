@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from formulations import DEFAULT_FACETS, FORMULATIONS, RESIDUALS, StackedSystem, certify
+from formulations import DEFAULT_FACETS, FORMULATIONS, RESIDUALS, StackedSystem
 from formulations.checks import Array, as_array
 from formulations.cones import project_friction_cone
 from gpx_lcp.errors import BackendMissing, ProblemError, SettingsError
@@ -123,10 +123,9 @@ def _judged(request: Request, row: Solver, outcome: Outcome, extras: Mapping[str
     elif status is Status.SOLVED:
         status = Status.STALLED
     return Solution(
+        system=system,
         impulse=outcome.impulse,
-        velocity=system.velocity(outcome.impulse),
         status=status,
-        certificate=certify(system, outcome.impulse),
         program_residual=residual,
         method=f"{outcome.program}/{row.name}",
         fallbacks=outcome.fallbacks,

@@ -1,4 +1,4 @@
-"""Each program against answers known on paper: where it agrees with Coulomb's law, and by how much it errs where not."""
+"""Each program against answers on paper: where it agrees with Coulomb's law, and by how much it errs where not."""
 
 import numpy as np
 import pytest
