@@ -163,3 +163,123 @@ fn leave_interior<const R: usize, L: Law<R>>(
         &std::array::from_fn(|r| impulse[r] - map[r] / contact.scale),
     )
 }
+
+/// Random contacts for the tests of the laws.
+#[cfg(test)]
+pub mod samples {
+    use super::{Contact, Law, local_step};
+    use crate::small_matrix::{Matrix, Vector, dot};
+
+    /// Uniform numbers in (-1, 1), by a linear congruential generator.
+    pub struct Uniform(pub u64);
+
+    impl Uniform {
+        pub fn draw(&mut self) -> f64 {
+            self.0 = self
+                .0
+                .wrapping_mul(6364136223846793005)
+                .wrapping_add(1442695040888963407);
+            (self.0 >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+        }
+
+        pub fn vector<const R: usize>(&mut self) -> Vector<R> {
+            std::array::from_fn(|_| self.draw())
+        }
+
+        /// G Gᵀ of a random G, with weakly coupled rows when `coupling` is small, of any size.
+        pub fn block<const R: usize>(&mut self, coupling: f64) -> Matrix<R> {
+            let mut factor: Matrix<R> = std::array::from_fn(|_| self.vector());
+            for (r, row) in factor.iter_mut().enumerate() {
+                row.iter_mut().for_each(|value| *value *= coupling);
+                row[r] = 1.0 + 0.5 * self.draw();
+            }
+            let size = 10f64.powf(6.0 * self.draw());
+            std::array::from_fn(|r| std::array::from_fn(|c| size * dot(&factor[r], &factor[c])))
+        }
+    }
+
+    /// What the law leaves of a contact's residual after one exact step from a random impulse, relative to its velocities.
+    pub fn residual_after_step<const R: usize, L: Law<R>>(
+        law: &L,
+        block: &Matrix<R>,
+        friction: f64,
+        random: &mut Uniform,
+    ) -> f64 {
+        let scale = (0..R).map(|r| block[r][r]).fold(0.0, f64::max);
+        let contact = Contact::new(block, [0.0; R], friction, scale);
+        let (b, old) = (
+            random.vector::<R>(),
+            random.vector::<R>().map(|value| value / scale),
+        );
+        let at = |p: &Vector<R>| -> Vector<R> { std::array::from_fn(|r| b[r] + dot(&block[r], p)) };
+        let step = local_step(law, &contact, &law.prepare(&contact), &old, &at(&old));
+        let map = law.natural_map(friction, scale, &step.impulse, &at(&step.impulse));
+        let size = |x: &Vector<R>| dot(x, x).sqrt();
+        size(&map) / (size(&b) + scale * size(&old))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::friction_cone::{ConvexCone, Coulomb};
+    use crate::polygon::Polygon;
+    use crate::small_matrix::Matrix;
+
+    /// Steps from awkward blocks, by every law: none may be NaN, and each must be allowed.
+    fn assert_finite_steps(block: &Matrix<3>) {
+        fn check<L: Law<3>>(law: &L, block: &Matrix<3>) {
+            for friction in [0.0, 1e-300, 1e-9, 0.5, 1.0, 1e9] {
+                let contact = Contact::new(block, [0.0; 3], friction, 1.0);
+                let local = law.prepare(&contact);
+                for velocity in [
+                    [-1.0, 0.3, 0.2],
+                    [0.0, 0.0, 0.0],
+                    [-1e-300, 1e-300, 0.0],
+                    [-1e150, 1e150, 1e100],
+                ] {
+                    let step = local_step(law, &contact, &local, &[0.1, 0.0, 0.0], &velocity);
+                    assert!(
+                        step.impulse.iter().all(|value| value.is_finite()),
+                        "{block:?} {friction} {velocity:?}"
+                    );
+                    assert!(step.impulse[0] >= 0.0);
+                }
+            }
+        }
+        check(&Coulomb, block);
+        check(&ConvexCone, block);
+        check(
+            &Polygon::new(vec![
+                [0.0, 1.0, 1.0],
+                [0.0, -1.0, 1.0],
+                [0.0, -1.0, -1.0],
+                [0.0, 1.0, -1.0],
+            ]),
+            block,
+        );
+    }
+
+    #[test]
+    fn steps_are_finite_on_singular_indefinite_and_asymmetric_blocks() {
+        assert_finite_steps(&[[1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]);
+        assert_finite_steps(&[[1.0, 1.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.0, 1.0]]);
+        assert_finite_steps(&[[1.0, 0.0, 0.0], [0.0, -1e-8, 0.0], [0.0, 0.0, 1.0]]);
+        assert_finite_steps(&[[1.0, 5.0, 0.0], [5.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
+        assert_finite_steps(&[[1.0, 0.2, 0.0], [0.201, 1.0, 0.0], [0.0, 1e-3, 1.0]]);
+        assert_finite_steps(&[[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
+    }
+
+    #[test]
+    fn singular_block_still_sticks_where_it_can() {
+        let contact = Contact::new(&[[1.0, 1.0], [1.0, 1.0]], [0.0; 2], 2.0, 1.0);
+        let step = local_step(
+            &Coulomb,
+            &contact,
+            &Coulomb.prepare(&contact),
+            &[0.0; 2],
+            &[-1.0, -1.0],
+        );
+        assert!((step.impulse[0] + step.impulse[1] - 1.0).abs() < 1e-7);
+    }
+}

@@ -271,3 +271,93 @@ impl<const R: usize, const D: usize> Delassus<R> for Factored<R, D> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two contacts of one row: one on body 0 alone, one between bodies 0 and 1.
+    fn factored() -> Factored<1, 1> {
+        let rows = BlockRows::new(&[0, 1, 3], &[0, 0, 1], &[1.0, -1.0, 2.0], 2).unwrap();
+        Factored::new(rows, 2)
+    }
+
+    #[test]
+    fn factored_rows_are_those_of_the_product() {
+        let mut system = factored();
+        system.set(&[[3.0], [5.0]]);
+        // A = [1, -1; -1, 5]
+        assert_eq!((system.row(0), system.row(1)), ([-2.0], [22.0]));
+        assert_eq!(
+            (system.diagonal_block(0), system.diagonal_block(1)),
+            ([[1.0]], [[5.0]])
+        );
+        system.add(1, &[1.0]);
+        assert_eq!((system.row(0), system.row(1)), ([-3.0], [27.0]));
+    }
+
+    #[test]
+    fn explicit_rows_are_those_of_the_matrix() {
+        let rows = BlockRows::new(&[0, 2, 4], &[0, 1, 0, 1], &[1.0, -1.0, -1.0, 5.0], 2).unwrap();
+        let mut system = Explicit::<1>::new(rows);
+        system.set(&[[3.0], [5.0]]);
+        assert_eq!((system.row(0), system.row(1)), ([-2.0], [22.0]));
+        assert_eq!(system.diagonal_block(1), [[5.0]]);
+    }
+
+    #[test]
+    fn wrong_structure_is_refused() {
+        let error = |start: &[i64], indices: &[i64], data: &[f64]| {
+            BlockRows::<1, 1>::new(start, indices, data, 2).err()
+        };
+        assert_eq!(
+            error(&[0, 1], &[2], &[1.0]),
+            Some(StructureError::Column {
+                at: 0,
+                value: 2,
+                columns: 2
+            })
+        );
+        assert_eq!(
+            error(&[0, 1], &[-1], &[1.0]),
+            Some(StructureError::Column {
+                at: 0,
+                value: -1,
+                columns: 2
+            })
+        );
+        assert_eq!(
+            error(&[0, 2], &[0], &[1.0]),
+            Some(StructureError::Start {
+                at: 1,
+                value: 2,
+                blocks: 1
+            })
+        );
+        assert_eq!(
+            error(&[1, 1], &[0], &[1.0]),
+            Some(StructureError::Start {
+                at: 0,
+                value: 1,
+                blocks: 1
+            })
+        );
+        assert_eq!(
+            error(&[0, 0], &[0], &[1.0]),
+            Some(StructureError::Start {
+                at: 1,
+                value: 0,
+                blocks: 1
+            })
+        );
+        let short = Some(StructureError::Data {
+            length: 1,
+            blocks: 2,
+            rows: 1,
+            columns: 1,
+            needed: 2,
+        });
+        assert_eq!(error(&[0, 2], &[0, 1], &[1.0]), short);
+        assert!(BlockRows::<1, 1>::new(&[], &[], &[], 0).unwrap().is_empty());
+    }
+}

@@ -348,3 +348,68 @@ fn natural_map<const R: usize>(
     let projected: Vector<R> = project(friction, &std::array::from_fn(|r| scaled[r] - velocity[r]));
     std::array::from_fn(|r| scaled[r] - projected[r])
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::contact::samples::{Uniform, residual_after_step};
+
+    const FRICTIONS: [f64; 5] = [0.0, 1e-9, 0.1, 0.5, 1.0];
+
+    #[test]
+    fn coulomb_step_is_exact_with_moderate_coupling() {
+        let mut random = Uniform(1);
+        for trial in 0..4000 {
+            let friction = FRICTIONS[trial % 5];
+            let block = random.block::<3>(0.2);
+            let residual = residual_after_step(&Coulomb, &block, friction, &mut random);
+            assert!(residual < 1e-13, "{residual} in trial {trial}");
+            let block = random.block::<2>(0.2);
+            assert!(residual_after_step(&Coulomb, &block, friction, &mut random) < 1e-13);
+        }
+    }
+
+    #[test]
+    fn cone_step_is_exact_with_any_coupling() {
+        let mut random = Uniform(2);
+        for trial in 0..4000 {
+            let friction = FRICTIONS[trial % 5];
+            let block = random.block::<3>(1.0);
+            let residual = residual_after_step(&ConvexCone, &block, friction, &mut random);
+            assert!(residual < 1e-11, "{residual} in trial {trial}");
+            let block = random.block::<2>(1.0);
+            assert!(residual_after_step(&ConvexCone, &block, friction, &mut random) < 1e-11);
+        }
+    }
+
+    #[test]
+    fn one_row_has_no_friction() {
+        let mut random = Uniform(3);
+        for _ in 0..100 {
+            let block = random.block::<1>(1.0);
+            assert!(residual_after_step(&Coulomb, &block, 0.0, &mut random) < 1e-15);
+        }
+    }
+
+    #[test]
+    fn projection_is_idempotent_and_leaves_a_polar_remainder() {
+        let mut random = Uniform(4);
+        for friction in FRICTIONS {
+            for _ in 0..500 {
+                let x: Vector<3> = random.vector();
+                let p = project(friction, &x);
+                let again = project(friction, &p);
+                let rest: Vector<3> = std::array::from_fn(|r| x[r] - p[r]);
+                assert!((0..3).all(|r| (again[r] - p[r]).abs() < 1e-15));
+                assert!(dot(&p, &rest).abs() < 1e-15);
+                assert!(friction * tangent_length(&rest) <= -rest[0] + 1e-15);
+            }
+        }
+    }
+
+    #[test]
+    fn negative_normal_is_outside_without_friction_too() {
+        assert_eq!(project(0.0, &[-1.0, 0.0, 0.0]), [0.0; 3]);
+        assert_eq!(project(0.0, &[-1.0]), [0.0]);
+    }
+}

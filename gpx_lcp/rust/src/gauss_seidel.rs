@@ -261,3 +261,92 @@ impl<'a, const R: usize, A: Delassus<R>, L: Law<R>> Sweeper<'a, R, A, L> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::delassus::{BlockRows, Factored};
+    use crate::friction_cone::Coulomb;
+
+    const SETTINGS: Settings = Settings {
+        tolerance: 1e-10,
+        max_sweeps: 10_000,
+        time_limit: None,
+        relaxation: 1.0,
+    };
+
+    /// Solve n equal masses on one another under a unit step of gravity; the exact impulses are n, n - 1, ..., 1.
+    fn column(
+        n: usize,
+        start: f64,
+        settings: &Settings,
+        go_on: &mut dyn FnMut() -> bool,
+    ) -> Outcome<1> {
+        let (mut ends, mut bodies, mut data) = (vec![0], Vec::new(), Vec::new());
+        for k in 0..n as i64 {
+            if k > 0 {
+                bodies.push(k - 1);
+                data.push(-1.0);
+            }
+            bodies.push(k);
+            data.push(1.0);
+            ends.push(bodies.len() as i64);
+        }
+        let mut target = vec![[0.0]; n];
+        target[0] = [1.0];
+        let mut scale = vec![2.0; n];
+        scale[0] = 1.0;
+        let problem = Problem {
+            target: &target,
+            friction: &vec![0.0; n],
+            scale: &scale,
+            target_norm: 1.0,
+        };
+        let mut delassus =
+            Factored::<1, 1>::new(BlockRows::new(&ends, &bodies, &data, n).unwrap(), n);
+        solve(
+            &mut delassus,
+            &Coulomb,
+            &problem,
+            &vec![[start]; n],
+            settings,
+            go_on,
+        )
+    }
+
+    #[test]
+    fn column_carries_the_weight_above() {
+        let outcome = column(6, 0.0, &SETTINGS, &mut || true);
+        assert_eq!(outcome.stop, Stop::Solved);
+        for (k, p) in outcome.impulse.iter().enumerate() {
+            assert!((p[0] - (6 - k) as f64).abs() < 1e-8);
+        }
+        assert_eq!(outcome.history.len(), outcome.sweeps / CHECK_EVERY + 1);
+    }
+
+    #[test]
+    fn overflow_is_a_numerical_error_with_a_finite_impulse() {
+        let outcome = column(
+            6,
+            1e300,
+            &Settings {
+                max_sweeps: 30,
+                ..SETTINGS
+            },
+            &mut || true,
+        );
+        assert_eq!(outcome.stop, Stop::NumericalError);
+        assert!(outcome.impulse.iter().all(|p| p[0].is_finite()));
+    }
+
+    #[test]
+    fn caller_can_interrupt() {
+        let settings = Settings {
+            tolerance: 0.0,
+            max_sweeps: usize::MAX,
+            ..SETTINGS
+        };
+        let outcome = column(5000, 0.0, &settings, &mut || false);
+        assert_eq!(outcome.stop, Stop::Interrupted);
+    }
+}

@@ -191,3 +191,60 @@ impl<const R: usize> Law<R> for Polygon<R> {
         std::array::from_fn(|r| scaled[r] - projected[r])
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::contact::samples::{Uniform, residual_after_step};
+
+    fn regular(facets: usize) -> Polygon<3> {
+        let angle = |j: usize| 2.0 * std::f64::consts::PI * j as f64 / facets as f64;
+        Polygon::new(
+            (0..facets)
+                .map(|j| [0.0, angle(j).cos(), angle(j).sin()])
+                .collect(),
+        )
+    }
+
+    #[test]
+    fn step_is_exact_with_moderate_coupling() {
+        let mut random = Uniform(5);
+        let square = Polygon::new(vec![
+            [0.0, 1.0, 1.0],
+            [0.0, -1.0, 1.0],
+            [0.0, -1.0, -1.0],
+            [0.0, 1.0, -1.0],
+        ]);
+        for polygon in [square, regular(3), regular(8), regular(13)] {
+            for trial in 0..1000 {
+                let friction = [0.0, 1e-9, 0.1, 0.5][trial % 4];
+                let block = random.block::<3>(0.1);
+                let residual = residual_after_step(&polygon, &block, friction, &mut random);
+                assert!(residual < 1e-13, "{residual} in trial {trial}");
+            }
+        }
+    }
+
+    #[test]
+    fn step_is_exact_in_the_plane() {
+        let mut random = Uniform(6);
+        let interval = Polygon::new(vec![[0.0, 1.0], [0.0, -1.0]]);
+        for _ in 0..1000 {
+            let block = random.block::<2>(0.2);
+            assert!(residual_after_step(&interval, &block, 0.5, &mut random) < 1e-13);
+        }
+    }
+
+    #[test]
+    fn nearest_point_lies_in_the_polygon_and_a_point_inside_stays() {
+        let mut random = Uniform(7);
+        let polygon = regular(5);
+        for _ in 0..1000 {
+            let x: Vector<3> = random.vector();
+            let point = polygon.nearest(0.4, &x);
+            assert!(polygon.holds(0.4 + 1e-15, &point));
+            let again = polygon.nearest(0.4, &point);
+            assert!((1..3).all(|r| (again[r] - point[r]).abs() < 1e-15));
+        }
+    }
+}
