@@ -70,6 +70,8 @@ pub struct Effort<'py> {
     time_limit: Option<f64>,
     #[pyo3(item)]
     relaxation: f64,
+    #[pyo3(item)]
+    acceleration: bool,
 }
 
 type Answer<'py> = (
@@ -206,6 +208,7 @@ fn sweep<'py, const R: usize, A: Delassus<R> + Send, L: Law<R>>(
             .time_limit
             .and_then(|seconds| Duration::try_from_secs_f64(seconds).ok()),
         relaxation: effort.relaxation,
+        acceleration: effort.acceleration,
     };
     let mut signal = None;
     let mut go_on = || {
