@@ -52,7 +52,7 @@ def run(request: Request) -> Outcome:
     """Sweep until the residual of the program is within the tolerance.
 
     The residual is evaluated at the start, so that a warm start which is a solution costs no sweep, and every ten
-    sweeps. STALLED means that a thousand sweeps have not lowered it by one part in 10⁴. Impulses outside the law's own
+    sweeps. STALLED means that three thousand sweeps have not lowered it by one part in 10⁴. Impulses outside the law's own
     polygon are first brought to it, keeping their normal part.
 
     Raises

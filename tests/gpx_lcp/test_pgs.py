@@ -1,3 +1,5 @@
+import signal
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -256,6 +258,24 @@ def test_same_input_gives_the_same_bits():
     assert first.history == second.history
 
 
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_acceleration_finds_a_solution_of_the_same_program(formulation):
+    system = tower(5)
+    solution = pgs(system, formulation, acceleration=True)
+    assert solution.status is gpx.Status.SOLVED
+    assert solution.program_residual == RESIDUALS[formulation](system, solution.impulse, 8)
+    plain = pgs(system, formulation)
+    assert 2 * solution.iterations < plain.iterations
+    np.testing.assert_allclose(solution.velocity, plain.velocity, atol=1e-7)
+
+
+def test_acceleration_brings_a_tower_of_thirty_to_1e_6():
+    solution = pgs(tower(30), tolerance=1e-6, acceleration=True)
+    assert solution.status is gpx.Status.SOLVED
+    loads = solution.impulse[:, 0].reshape(30, 4).sum(axis=1)
+    np.testing.assert_allclose(loads, GRAVITY_STEP * np.arange(30, 0, -1), rtol=1e-4)
+
+
 # ---- stopping
 
 
@@ -295,6 +315,12 @@ def test_wrong_relaxation_is_refused(relaxation):
         pgs(tower(1), relaxation=relaxation)
 
 
+@pytest.mark.parametrize("acceleration", [1, "yes", None])
+def test_wrong_acceleration_is_refused(acceleration):
+    with pytest.raises(gpx.SettingsError, match="acceleration"):
+        pgs(tower(1), acceleration=acceleration)
+
+
 def test_history_ends_with_the_residual_and_falls():
     solution = pgs(tower(4), tolerance=1e-9)
     sweeps, residuals = zip(*solution.history, strict=True)
@@ -314,6 +340,17 @@ def test_stops_at_the_limit_of_time():
     solution = pgs(tower(30), max_iterations=10**9, tolerance=1e-14, time_limit=0.05)
     assert solution.status is gpx.Status.MAX_ITERATIONS
     assert solution.extras["stopped_by"] == "time_limit"
+
+
+def test_ctrl_c_ends_a_long_run():
+    handler = signal.signal(signal.SIGALRM, signal.default_int_handler)
+    signal.setitimer(signal.ITIMER_REAL, 0.2)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            pgs(tower(30), max_iterations=10**9, tolerance=1e-14, time_limit=20.0)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, handler)
 
 
 def test_rounding_floor_is_a_stall_with_the_best_iterate():

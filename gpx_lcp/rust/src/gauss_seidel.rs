@@ -24,8 +24,8 @@ use crate::small_matrix::Vector;
 const CHECK_EVERY: usize = 10;
 /// Evaluations without progress after which the iteration counts as stalled, and the least share that is progress.
 ///
-/// A column of n equal masses gains (π/2n)² a sweep, so over this window n may be as large as 5000.
-const PATIENCE: usize = 100;
+/// A column of n equal masses gains (π/2n)² a sweep, so over this window n may be as large as 8000.
+const PATIENCE: usize = 300;
 const LEAST_PROGRESS: f64 = 1e-4;
 /// How often the caller is asked whether to go on.
 const POLL_EVERY: Duration = Duration::from_millis(50);
