@@ -9,13 +9,14 @@ never formed), so that a sweep costs the same whatever the accuracy. Information
 column of n equal masses contracts its error by cos²(π/2n) a sweep, a mass R on a mass 1 by R/(1 + R). Where sliding
 contacts make it cycle, a relaxation of 0.7 often ends that.
 
-A tower of n cubes whose contacts stick bends like a beam, and its sweeps grow with n⁴. The setting `acceleration` sweeps
-there and back and extrapolates (nonsmooth nonlinear conjugate gradients): a tower of 30 then takes thousands of sweeps
-to 1e-6 instead of millions. It is off unless asked for, because a few sweeps gain nothing from it.
+A tower of n cubes whose contacts stick bends like a beam, and its sweeps grow with n⁴. The setting `acceleration`
+sweeps there and back and extrapolates (nonsmooth nonlinear conjugate gradients): a tower of 30 then takes thousands of
+sweeps to 1e-6 instead of millions. It is off unless asked for, because a few sweeps gain nothing from it.
 
-Source: M. Jean, J. J. Moreau, *Unilaterality and dry friction in the dynamics of rigid body collections*, Contact
-Mechanics International Symposium (1992); V. Acary, M. Brémond, O. Huber, INRIA RR-9118 (2018), algorithm NSGS; M. Silcowitz, S. Niebe, K. Erleben,
-*A nonsmooth nonlinear conjugate gradient method for interactive contact force problems*, The Visual Computer 26 (2010).
+Sources: M. Jean, J. J. Moreau, *Unilaterality and dry friction in the dynamics of rigid body collections*, Contact
+Mechanics International Symposium (1992); V. Acary, M. Brémond, O. Huber, INRIA RR-9118 (2018), algorithm NSGS; M.
+Silcowitz, S. Niebe, K. Erleben, *A nonsmooth nonlinear conjugate gradient method for interactive contact force
+problems*, The Visual Computer 26 (2010).
 """
 
 from __future__ import annotations
@@ -52,8 +53,8 @@ def run(request: Request) -> Outcome:
     """Sweep until the residual of the program is within the tolerance.
 
     The residual is evaluated at the start, so that a warm start which is a solution costs no sweep, and every ten
-    sweeps. STALLED means that three thousand sweeps have not lowered it by one part in 10⁴. Impulses outside the law's own
-    polygon are first brought to it, keeping their normal part.
+    sweeps. STALLED means that three thousand sweeps have not lowered it by one part in 10⁴. Impulses outside the law's
+    own polygon are first brought to it, keeping their normal part.
 
     Raises
     ------
