@@ -68,7 +68,8 @@ impl<const R: usize> Contact<R> {
 
 /// A law of contact: which impulses a contact may exert, and which velocities go with them.
 pub trait Law<const R: usize>: Sync {
-    /// What the law precomputes of each contact for its sliding case.
+    /// What the law precomputes of each contact for its sliding case, and where its last root was found: from one sweep
+    /// to the next a root moves little.
     type Local: Send;
 
     fn prepare(&self, contact: &Contact<R>) -> Self::Local;
@@ -81,7 +82,12 @@ pub trait Law<const R: usize>: Sync {
 
     /// The impulse on the boundary of the allowed set that solves u = A_ii p + b; None where rounding or overflow
     /// leaves none. Called only where neither p = 0 nor u = 0 is a solution, and the friction is positive.
-    fn slide(&self, contact: &Contact<R>, local: &Self::Local, b: &Vector<R>) -> Option<Vector<R>>;
+    fn slide(
+        &self,
+        contact: &Contact<R>,
+        local: &mut Self::Local,
+        b: &Vector<R>,
+    ) -> Option<Vector<R>>;
 
     /// The nearest allowed impulse (for polygons: an allowed one with the same normal part, as near as can be).
     fn project(&self, friction: f64, impulse: &Vector<R>) -> Vector<R>;
@@ -114,7 +120,7 @@ impl<const R: usize> Step<R> {
 pub fn local_step<const R: usize, L: Law<R>>(
     law: &L,
     contact: &Contact<R>,
-    local: &L::Local,
+    local: &mut L::Local,
     impulse: &Vector<R>,
     velocity: &Vector<R>,
 ) -> Step<R> {
@@ -142,7 +148,7 @@ pub fn local_step<const R: usize, L: Law<R>>(
 fn leave_interior<const R: usize, L: Law<R>>(
     law: &L,
     contact: &Contact<R>,
-    local: &L::Local,
+    local: &mut L::Local,
     impulse: &Vector<R>,
     velocity: &Vector<R>,
     b: &Vector<R>,
@@ -212,7 +218,7 @@ pub mod samples {
             random.vector::<R>().map(|value| value / scale),
         );
         let at = |p: &Vector<R>| -> Vector<R> { std::array::from_fn(|r| b[r] + dot(&block[r], p)) };
-        let step = local_step(law, &contact, &law.prepare(&contact), &old, &at(&old));
+        let step = local_step(law, &contact, &mut law.prepare(&contact), &old, &at(&old));
         let map = law.natural_map(friction, scale, &step.impulse, &at(&step.impulse));
         let size = |x: &Vector<R>| dot(x, x).sqrt();
         size(&map) / (size(&b) + scale * size(&old))
@@ -231,14 +237,14 @@ mod tests {
         fn check<L: Law<3>>(law: &L, block: &Matrix<3>) {
             for friction in [0.0, 1e-300, 1e-9, 0.5, 1.0, 1e9] {
                 let contact = Contact::new(block, [0.0; 3], friction, 1.0);
-                let local = law.prepare(&contact);
+                let mut local = law.prepare(&contact);
                 for velocity in [
                     [-1.0, 0.3, 0.2],
                     [0.0, 0.0, 0.0],
                     [-1e-300, 1e-300, 0.0],
                     [-1e150, 1e150, 1e100],
                 ] {
-                    let step = local_step(law, &contact, &local, &[0.1, 0.0, 0.0], &velocity);
+                    let step = local_step(law, &contact, &mut local, &[0.1, 0.0, 0.0], &velocity);
                     assert!(
                         step.impulse.iter().all(|value| value.is_finite()),
                         "{block:?} {friction} {velocity:?}"
@@ -276,7 +282,7 @@ mod tests {
         let step = local_step(
             &Coulomb,
             &contact,
-            &Coulomb.prepare(&contact),
+            &mut Coulomb.prepare(&contact),
             &[0.0; 2],
             &[-1.0, -1.0],
         );

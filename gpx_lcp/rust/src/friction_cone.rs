@@ -20,12 +20,16 @@ pub struct SlidingBasis<const R: usize> {
     stiffness: Vector<R>,
     /// A_nt in that basis.
     coupling: Vector<R>,
+    /// α of the last slide.
+    last: f64,
 }
 
 /// A_ii and D = diag(-μ², 1, 1) diagonalised together: VᵀA V = 1, VᵀD V = |λ₀| diag(-1, κ₁, κ₂).
 pub struct ConeBasis<const R: usize> {
     vectors: Matrix<R>,
     kappa: Vector<R>,
+    /// The unknown of the last slide, for g₀ ≥ 0 and g₀ < 0.
+    last: [f64; 2],
 }
 
 impl<const R: usize> Law<R> for Coulomb {
@@ -49,6 +53,7 @@ impl<const R: usize> Law<R> for Coulomb {
             directions,
             stiffness,
             coupling,
+            last: 0.0,
         }
     }
 
@@ -72,7 +77,7 @@ impl<const R: usize> Law<R> for Coulomb {
     fn slide(
         &self,
         contact: &Contact<R>,
-        local: &SlidingBasis<R>,
+        local: &mut SlidingBasis<R>,
         b: &Vector<R>,
     ) -> Option<Vector<R>> {
         let normal = contact.block[0][0];
@@ -88,7 +93,7 @@ impl<const R: usize> Law<R> for Coulomb {
         for k in 1..R {
             softest = softest.min(local.stiffness[k]);
         }
-        let alpha = increasing_root(0.0, 0.0, softest, |alpha| {
+        let alpha = increasing_root(local.last, softest, |alpha| {
             let (mut square, mut square_slope, mut pull, mut pull_slope) = (0.0, 0.0, 0.0, 0.0);
             for k in 1..R {
                 let soft = 1.0 / (local.stiffness[k] + alpha);
@@ -106,6 +111,7 @@ impl<const R: usize> Law<R> for Coulomb {
                 -contact.friction * pull_slope / (normal * length) - ratio * square_slope / square,
             )
         });
+        local.last = alpha;
         let mut impulse = [0.0; R];
         for r in 1..R {
             impulse[r] = -(1..R)
@@ -148,6 +154,7 @@ impl<const R: usize> Law<R> for ConvexCone {
             return ConeBasis {
                 vectors: [[0.0; R]; R],
                 kappa: [0.0; R],
+                last: [1.0, 0.0],
             };
         };
         let inverse = lower_inverse(&lower);
@@ -185,6 +192,7 @@ impl<const R: usize> Law<R> for ConvexCone {
         ConeBasis {
             vectors: basis,
             kappa: std::array::from_fn(|k| values[order[k]] / negative),
+            last: [1.0, 0.0],
         }
     }
 
@@ -208,7 +216,7 @@ impl<const R: usize> Law<R> for ConvexCone {
     fn slide(
         &self,
         contact: &Contact<R>,
-        local: &ConeBasis<R>,
+        local: &mut ConeBasis<R>,
         b: &Vector<R>,
     ) -> Option<Vector<R>> {
         let columns = transposed(&local.vectors);
@@ -217,7 +225,7 @@ impl<const R: usize> Law<R> for ConvexCone {
         let (side, first) = if before { (1.0, 1.0) } else { (-1.0, 0.0) };
         let beta_of = |x: f64| if before { x / (1.0 + x) } else { 1.0 + 1.0 / x };
         // A vanishing g₀ has its root at x = ∞, β = 1; the search then ends where β differs from 1 by rounding alone.
-        let x = increasing_root(0.0, 1.0 - first, 1.0, |x| {
+        let x = increasing_root(local.last[before as usize], 1.0, |x| {
             let (beta, delta) = (beta_of(x), first + x);
             let (mut square, mut slope) = (0.0, 0.0);
             for k in 1..R {
@@ -232,6 +240,7 @@ impl<const R: usize> Law<R> for ConvexCone {
                 rate * (1.0 - side * slope / (square * delta)),
             )
         });
+        local.last[before as usize] = x;
         let beta = beta_of(x);
         let mut y = [0.0; R];
         for k in 1..R {
@@ -262,15 +271,16 @@ impl<const R: usize> Law<R> for ConvexCone {
     }
 }
 
-/// Root of h in (lowest, ∞) by Newton's method kept inside a bracket; h(lowest) < 0 and h is positive far out.
+/// Root of h in (0, ∞) by Newton's method kept inside a bracket; h(0) < 0 and h is positive far out.
 ///
 /// `h` returns its value and its slope. Where no step can be taken the last point is returned: the caller's result is
 /// judged by the residual like any other.
-fn increasing_root(lowest: f64, start: f64, stride: f64, h: impl Fn(f64) -> (f64, f64)) -> f64 {
-    let (mut low, mut high, mut x) = (lowest, f64::INFINITY, start);
+#[inline(always)]
+fn increasing_root(start: f64, stride: f64, h: impl Fn(f64) -> (f64, f64)) -> f64 {
+    let (mut low, mut high, mut x) = (0.0, f64::INFINITY, start);
     for _ in 0..100 {
         let (value, slope) = h(x);
-        if value.abs() <= 4.0 * f64::EPSILON || value.is_nan() {
+        if value.is_nan() {
             break;
         }
         if value < 0.0 {
@@ -279,7 +289,12 @@ fn increasing_root(lowest: f64, start: f64, stride: f64, h: impl Fn(f64) -> (f64
             high = x;
         }
         let newton = x - value / slope;
-        let next = if newton > low && newton < high {
+        let inside = newton > low && newton < high;
+        // h is nearly linear and Newton's error is squared: from here the step ends below rounding.
+        if value.abs() <= 1e-9 {
+            return if inside { newton } else { x };
+        }
+        let next = if inside {
             newton
         } else if high.is_finite() {
             low + 0.5 * (high - low)

@@ -251,7 +251,7 @@ impl<'a, const R: usize, A: Delassus<R>, L: Law<R>> Sweeper<'a, R, A, L> {
         let count = self.contacts.len();
         for place in 0..count {
             let place = if backward { count - 1 - place } else { place };
-            let ((i, contact), local) = (&self.contacts[place], &self.locals[place]);
+            let ((i, contact), local) = (&self.contacts[place], &mut self.locals[place]);
             let row = self.delassus.row(*i);
             let velocity: Vector<R> = std::array::from_fn(|r| row[r] - contact.target[r]);
             let old = self.impulse[*i];

@@ -150,7 +150,7 @@ impl<const R: usize> Law<R> for Polygon<R> {
     /// Try every corner and every edge; the first that satisfies the law is it.
     ///
     /// Where rounding leaves none, or strong coupling leaves truly none, the one that fails by least is taken.
-    fn slide(&self, contact: &Contact<R>, _local: &(), b: &Vector<R>) -> Option<Vector<R>> {
+    fn slide(&self, contact: &Contact<R>, _local: &mut (), b: &Vector<R>) -> Option<Vector<R>> {
         let mut best: Option<(Vector<R>, f64)> = None;
         for j in 0..self.corners.len() {
             let edge = if R == 3 {
