@@ -166,7 +166,7 @@ class Scene:
     ) -> Body:
         """Add a material object in translational motion: it moves and never rotates.
 
-        It collides with nothing unless it has a shape, which says how near others come; the shape keeps its orientation.
+        It collides with nothing unless it has a shape, which says how near others come and keeps its orientation.
 
         Raises
         ------

@@ -184,7 +184,7 @@ def column(n: int) -> Scene:
     """Return `n` point masses of 1 kg above each other, 1 m apart, without friction: contact along one axis.
 
     A is the tridiagonal matrix of a chain with 1, 2, 2, ... on its diagonal and -1 beside it, 1/kg, on which sweeps of
-    projected Gauss-Seidel contract by exactly cos²(π/(2n + 1)).
+    projected Gauss-Seidel contract the error by exactly cos²(π/2n). The load on contact k from below is (n - k) m g.
     """
     scene, material = _on_ground(friction=0.0)
     for k in range(_count("n", n)):

@@ -221,7 +221,8 @@ class ConvexHull(Shape):
     def inertia(self, mass: float) -> Array:
         """Return the sum over the tetrahedra between the surface and the centre of mass.
 
-        A tetrahedron of volume V with corners 0, a, b, c has ∫ x xᵀ dV = V/20 (s sᵀ + a aᵀ + b bᵀ + c cᵀ), s = a + b + c.
+        A tetrahedron of volume V with corners 0, a, b, c has, with s = a + b + c,
+        ∫ x xᵀ dV = V/20 (s sᵀ + a aᵀ + b bᵀ + c cᵀ).
         """
         points = np.asarray(self.points, dtype=np.float64)
         size = float(np.ptp(points, axis=0).max())

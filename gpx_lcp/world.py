@@ -115,11 +115,11 @@ class World:
     -----
     * Contacts have one row instead of three where no material of the scene has friction, and bodies three velocities
       instead of six where none of them rotates.
-    * Overlap beyond 1e-4 of the smaller body's bounding radius is taken out by a fifth per step through a projection of
-      the positions, min ½ ΔxᵀMΔx over J_n Δx ≥ what is asked of each contact. It never enters the velocities: a velocity term
-      (Baumgarte) would throw a cube that overlaps by 1 cm up with 0.48 m/s at 240 steps a second.
-    * An impact of pair elasticity e > 1 leaves with (e - 1) times the closing speed of the step's start, if that is above
-      2 g dt; it happens in the step that would close the gap, up to one step's travel above the surface.
+    * Overlap beyond 1e-4 of the smaller body's bounding radius is taken out by a fifth per step through a projection
+      of the positions, min ½ ΔxᵀMΔx over J_n Δx ≥ what is asked of each contact. It never enters the velocities: a
+      velocity term (Baumgarte) would throw a cube that overlaps by 1 cm up with 0.48 m/s at 240 steps a second.
+    * An impact of pair elasticity e > 1 leaves with (e - 1) times the closing speed of the step's start, if that is
+      above 2 g dt; it happens in the step that would close the gap, up to one step's travel above the surface.
 
     Raises
     ------
