@@ -62,9 +62,8 @@ def test_bodies_that_rest_on_each_other(lower, upper, height, orientation, corne
     found = contacts(lower, upper, height + gap, orientation)
     assert np.allclose(found.normal, [0, 0, 1], atol=1e-9)
     assert found.gap == pytest.approx([gap] * len(corners), abs=1e-12)
-    top = height + gap - {1.5: 1.5}.get(height, 0)
     assert sorted_rows(found.point[:, :2]) == pytest.approx(sorted_rows(np.array(corners, dtype=float)), abs=1e-9)
-    assert np.ptp(found.point[:, 2]) < 1e-9 and np.isfinite(top)
+    assert np.ptp(found.point[:, 2]) < 1e-9
 
 
 @pytest.mark.parametrize("lower", [gpx.HalfSpace(), gpx.Box(4, 4, 1), gpx.Cylinder(3, 1)], ids=lambda s: s.kind)

@@ -1,5 +1,7 @@
 """Bodies, shapes and materials: what they compute, and every way to get them wrong."""
 
+import operator
+
 import numpy as np
 import pytest
 
@@ -58,6 +60,8 @@ def test_bodies_are_rows_of_the_worlds_arrays():
     assert world.velocities[second].tolist() == [7, 8, 9, 0, 0, 0]
     assert [body.name for body in world.bodies] == ["ball", "body 1"]
     with pytest.raises(TypeError, match="fixed body 0 never moves"):
+        operator.index(ground)
+    with pytest.raises(IndexError):
         world.positions[ground]
 
 

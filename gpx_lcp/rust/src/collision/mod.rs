@@ -99,9 +99,12 @@ fn pairs<'b>(
         let moving = bounded.iter().filter(|(body, _)| *body < bodies.moving);
         pairs.extend(moving.map(|(body, _)| [plane, *body]));
     }
-    let tree = Bvh::from_iter(BvhBuildStrategy::Binned, bounded);
+    // Leaves are numbered from 0 without holes: parry's build relies on that for trees of one and two leaves.
+    let leaves = bounded.iter().map(|(_, aabb)| *aabb).enumerate();
+    let tree = Bvh::from_iter(BvhBuildStrategy::Binned, leaves);
     tree.traverse_bvtt_single_tree::<false>(&mut BvhWorkspace::default(), &mut |one, other| {
-        let (low, high) = (one.min(other) as usize, one.max(other) as usize);
+        let (one, other) = (bounded[one as usize].0, bounded[other as usize].0);
+        let (low, high) = (one.min(other), one.max(other));
         if high < bodies.moving {
             pairs.push([low, high]);
         } else if low < bodies.moving {
