@@ -272,7 +272,9 @@ class World:
     def _free_velocities(self) -> Array:
         forces = as_array("forces", self._forces, (len(self._bodies), 6))
         gravity = (float(self._gravity[0]), float(self._gravity[1]), float(self._gravity[2]))
-        return self._core.free_velocities(self._now.state, forces, gravity, self._time_step)
+        free = self._core.free_velocities(self._now.state, forces, gravity, self._time_step)
+        self._require_finite(free)
+        return free
 
     def _detect(self, free: Array) -> _core.Contacts:
         return self._core.detect(self._now.state, free, self._time_step)
@@ -309,7 +311,7 @@ class World:
         velocities[:, : self._columns] += system.body_velocity_change(solution.impulse).reshape(-1, self._columns)
         shift = self._position_correction(contacts, system, velocities)
         state = now.state.advanced(velocities, velocities + shift, self._time_step)
-        self._require_finite(state)
+        self._require_finite(np.hstack((state.positions, state.orientations, state.velocities)))
         return _Instant(steps=now.steps + 1, state=state, contacts=contacts, solution=solution)
 
     def _position_correction(self, contacts: _core.Contacts, system: StackedSystem, velocities: Array) -> Array:
@@ -334,8 +336,7 @@ class World:
         shift[:, : self._columns] = normals.body_velocity_change(impulse).reshape(-1, self._columns)
         return shift
 
-    def _require_finite(self, state: _core.State) -> None:
-        numbers = np.hstack((state.positions, state.orientations, state.velocities))
+    def _require_finite(self, numbers: Array) -> None:
         finite = np.isfinite(numbers).all(axis=1)
         if not finite.all():
             body = self._bodies[int(np.argmin(finite))]

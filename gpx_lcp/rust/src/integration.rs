@@ -11,7 +11,9 @@ const GYROSCOPIC_ITERATIONS: usize = 50;
 /// Torque changes the angular momentum L. In the body's frame l = Rᵀ L the free motion is l' = -Ω × l with Ω = I⁻¹ l,
 /// a rotation of l; the step takes
 ///
-///     l⁺ = exp(-dt I⁻¹ l⁺) l
+/// ```text
+/// l⁺ = exp(-dt I⁻¹ l⁺) l
+/// ```
 ///
 /// solved by fixed-point iteration. Each iterate has the length of l, so that |ω| ≤ |l| / (smallest inertia) holds
 /// whatever the step: nothing blows up. Where the iteration converges, and no contact intervenes, turning the body by
@@ -102,4 +104,29 @@ fn rotation_of(turn: Vector) -> Rotation {
     };
     let axis = turn * ratio;
     Rotation::from_xyzw(axis.x, axis.y, axis.z, (0.5 * angle).cos())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rotations_by_small_and_large_angles_agree_with_the_exact_ones() {
+        for angle in [1e-9, 9.9e-5, 1.01e-4, 0.5, 3.0, 7.0] {
+            let turned = rotation_of(Vector::Y * angle) * Vector::X;
+            let exact = Vector::new(angle.cos(), 0.0, -angle.sin());
+            assert!((turned - exact).length() < 1e-14);
+        }
+    }
+
+    #[test]
+    fn a_body_at_rest_keeps_every_bit_of_its_pose() {
+        let pose = Pose::from_parts(
+            Vector::new(0.1, 0.2, 0.3),
+            Rotation::from_xyzw(0.1, 0.7, 0.1, 0.7).normalize(),
+        );
+        let after = advance(&[pose], &[Twist::default()], 0.1);
+        assert_eq!(after[0].translation, pose.translation);
+        assert_eq!(after[0].rotation, pose.rotation);
+    }
 }

@@ -3,10 +3,12 @@
 //! Row r of contact k reads f·(v_b + ω_b × r_b) - f·(v_a + ω_a × r_a) with f the r-th row of the contact frame and r_a,
 //! r_b the arms from the centres of mass to the contact point. With v_free the velocities after every force but contact,
 //!
-//!     B_n = -(J v_free)_n - gap/dt                    for an open gap: it may close, and no more
-//!     B_n = -(J v_free)_n                             for bodies that touch or overlap
-//!     B_n = -(J v_free)_n - (e - 1) (J v)_n           for an impact of elasticity e, v from before the step
-//!     B_t = -(J v_free)_t
+//! ```text
+//! B_n = -(J v_free)_n - gap/dt                    for an open gap: it may close, and no more
+//! B_n = -(J v_free)_n                             for bodies that touch or overlap
+//! B_n = -(J v_free)_n - (e - 1) (J v)_n           for an impact of elasticity e, v from before the step
+//! B_t = -(J v_free)_t
+//! ```
 //!
 //! so that the normal velocity after the step, J v_free + A p, is at least -gap/dt, 0 or the rebound speed, and the
 //! tangential one is what friction brings to zero (Moreau's law on velocities; Newton's law of impact).

@@ -207,3 +207,94 @@ fn match_pair(
         ];
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bodies::{CombineRule, Material};
+    use parry3d_f64::math::Matrix;
+    use solid::Solid;
+
+    fn two_balls() -> Bodies {
+        let material = Material {
+            friction: 0.5,
+            friction_rule: CombineRule::GeometricMean,
+            elasticity: 1.0,
+            elasticity_rule: CombineRule::CentreOfMass,
+        };
+        Bodies {
+            moving: 2,
+            solids: vec![Some(Solid::Sphere { radius: 1.0 }); 2],
+            materials: vec![material; 2],
+            masses: vec![1.0; 2],
+            inertias: vec![Matrix::IDENTITY; 2],
+            inverse_inertias: vec![Matrix::IDENTITY; 2],
+            fixed_poses: Vec::new(),
+        }
+    }
+
+    fn contact(features: [u32; 2], x: f64, normal: Vector) -> Contact {
+        Contact {
+            bodies: [0, 1],
+            features,
+            point: Vector::X * x,
+            frame: frame(normal),
+            gap: 0.0,
+        }
+    }
+
+    #[test]
+    fn impulses_follow_the_names_of_features_and_then_the_nearest_point() {
+        let previous = [
+            contact([1, 1], 0.0, Vector::Z),
+            contact([2, 2], 0.3, Vector::Z),
+            contact([3, 3], 0.6, Vector::Z),
+        ];
+        let now = [
+            contact([2, 2], 0.02, Vector::Z), // same name, although another point is nearer
+            contact([9, 9], 0.61, Vector::Z), // another name, near the third
+            contact([8, 8], 0.9, Vector::Z),  // near nothing
+        ];
+        let impulses = [[1.0, 0.1, 0.2], [2.0, 0.3, 0.4], [3.0, 0.5, 0.6]];
+        let start = match_impulses(&two_balls(), &now, &previous, &impulses);
+        assert_eq!(start, [[2.0, 0.3, 0.4], [3.0, 0.5, 0.6], [0.0; 3]]);
+    }
+
+    #[test]
+    fn tangential_impulses_keep_their_direction_when_the_frame_turns() {
+        let previous = [contact(
+            [1, 1],
+            0.0,
+            Vector::new(0.895, 0.0, 0.446).normalize(),
+        )];
+        let now = [contact(
+            [1, 1],
+            0.0,
+            Vector::new(0.905, 0.0, 0.425).normalize(),
+        )];
+        let start = match_impulses(&two_balls(), &now, &previous, &[[1.0, 0.5, -0.25]]);
+        let world =
+            |contact: &Contact, p: [f64; 3]| contact.frame[1] * p[1] + contact.frame[2] * p[2];
+        let before = world(&previous[0], [1.0, 0.5, -0.25]);
+        let after = world(&now[0], start[0]);
+        assert!(previous[0].frame[1].distance(now[0].frame[1]) > 1.0);
+        assert!((before - after).length() < 0.02);
+    }
+
+    #[test]
+    fn pairs_that_parted_or_met_do_not_upset_the_others() {
+        let other = |bodies: [u32; 2]| Contact {
+            bodies,
+            ..contact([1, 1], 0.0, Vector::Z)
+        };
+        let mut bodies = two_balls();
+        bodies.moving = 4;
+        bodies.solids = vec![Some(Solid::Sphere { radius: 1.0 }); 4];
+        let previous = [other([0, 1]), other([0, 2]), other([2, 3])];
+        let now = [other([0, 1]), other([1, 2]), other([2, 3])];
+        let impulses = [[1.0, 0.0, 0.0], [2.0, 0.0, 0.0], [3.0, 0.0, 0.0]];
+        let start = match_impulses(&bodies, &now, &previous, &impulses);
+        let normals: Vec<f64> = start.iter().map(|p| p[0]).collect();
+        assert_eq!(normals, [1.0, 0.0, 3.0]);
+    }
+}

@@ -158,3 +158,71 @@ fn nearest_points(
         _ => None,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use parry3d_f64::math::Rotation;
+
+    fn cube() -> Convex {
+        Convex::cuboid(Vector::splat(0.5))
+    }
+
+    fn above(height: f64, rotation: Rotation) -> Pose {
+        Pose::from_parts(Vector::Z * height, rotation)
+    }
+
+    #[test]
+    fn faces_that_touch_give_their_normal_exactly() {
+        for gap in [0.0, 1e-16, -1e-16, -0.1] {
+            let pose = above(1.0 + gap, Rotation::IDENTITY);
+            let found = separation(&cube(), &cube(), &pose, 1.0).unwrap();
+            assert_eq!(found.normal, Vector::Z);
+            assert_eq!(found.origin, Origin::FaceA);
+            assert!((found.gap - gap).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn a_cube_on_its_corner_over_a_face_takes_the_face() {
+        let tilt = Rotation::from_rotation_x(0.7) * Rotation::from_rotation_y(0.6);
+        let found = separation(&cube(), &cube(), &above(1.5, tilt), 1.0).unwrap();
+        assert_eq!(found.origin, Origin::FaceA);
+        // The same two cubes, named the other way round: now the face belongs to b.
+        let swapped = above(1.5, tilt).inverse();
+        let found = separation(&cube(), &cube(), &swapped, 1.0).unwrap();
+        assert_eq!(found.origin, Origin::FaceB);
+        assert!((tilt * found.normal - Vector::NEG_Z).length() < 1e-12);
+    }
+
+    #[test]
+    fn crossed_edges_are_found_at_a_gap_of_nothing() {
+        let quarter = std::f64::consts::FRAC_PI_4;
+        let lower = Rotation::from_rotation_x(quarter);
+        let pose = Pose::from_rotation(lower.inverse())
+            * above(2.0_f64.sqrt(), Rotation::from_rotation_y(quarter));
+        let found = separation(&cube(), &cube(), &pose, 1.0).unwrap();
+        assert!(matches!(found.origin, Origin::Edges(..)));
+        assert!(found.gap.abs() < 1e-15);
+        assert!((lower * found.normal - Vector::Z).length() < 1e-12);
+    }
+
+    #[test]
+    fn bodies_beyond_the_prediction_are_left_out() {
+        let pose = above(1.2, Rotation::IDENTITY);
+        assert!(separation(&cube(), &cube(), &pose, 0.1).is_none());
+        assert!(separation(&cube(), &cube(), &pose, 0.3).is_some());
+    }
+
+    #[test]
+    fn a_cylinder_on_its_side_has_a_normal_through_its_axis() {
+        let cylinder = Convex::cylinder(0.5, 1.0);
+        let lying = Rotation::from_rotation_x(std::f64::consts::FRAC_PI_2);
+        for gap in [0.0, 1e-15, -1e-3] {
+            let pose = Pose::from_rotation(lying.inverse()) * above(1.0 + gap, lying);
+            let found = separation(&cylinder, &cylinder, &pose, 1.0).unwrap();
+            assert!((lying * found.normal - Vector::Z).length() < 1e-12);
+            assert!((found.gap - gap).abs() < 1e-12);
+        }
+    }
+}

@@ -70,7 +70,7 @@ impl Bodies {
         let masses = masses.as_slice()?.to_vec();
         let inertias: Vec<Matrix> = rows::<9>(&inertias)?
             .iter()
-            .map(|tensor| Matrix::from_cols_array(tensor))
+            .map(Matrix::from_cols_array)
             .collect();
         let fixed_poses: Vec<Pose> = rows::<7>(&fixed_poses)?.iter().map(pose).collect();
         same_length("masses", masses.len(), moving)?;
