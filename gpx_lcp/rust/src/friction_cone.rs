@@ -290,8 +290,9 @@ fn increasing_root(start: f64, stride: f64, h: impl Fn(f64) -> (f64, f64)) -> f6
         }
         let newton = x - value / slope;
         let inside = newton > low && newton < high;
-        // h is nearly linear and Newton's error is squared: from here the step ends below rounding.
-        if value.abs() <= 1e-9 {
+        // h is nearly linear and Newton's error is squared: what this step leaves is of the order of 1e-12 or less, and
+        // the next visit starts from it.
+        if value.abs() <= 1e-6 {
             return if inside { newton } else { x };
         }
         let next = if inside {
