@@ -10,8 +10,8 @@ column of n equal masses contracts its error by cos²(π/2n) a sweep, a mass R o
 contacts make it cycle, a relaxation of 0.7 often ends that.
 
 A tower of n cubes whose contacts stick bends like a beam, and its sweeps grow with n⁴. The setting `acceleration`
-sweeps there and back and extrapolates (nonsmooth nonlinear conjugate gradients): a tower of 30 then takes thousands of
-sweeps to 1e-6 instead of millions. It is off unless asked for, because a few sweeps gain nothing from it.
+sweeps there and back and extrapolates (nonsmooth nonlinear conjugate gradients): a tower of 30 then takes thousands to
+tens of thousands of sweeps to 1e-6 instead of millions. It is off unless asked for: a few sweeps gain nothing from it.
 
 Sources: M. Jean, J. J. Moreau, *Unilaterality and dry friction in the dynamics of rigid body collections*, Contact
 Mechanics International Symposium (1992); V. Acary, M. Brémond, O. Huber, INRIA RR-9118 (2018), algorithm NSGS; M.
