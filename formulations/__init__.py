@@ -11,7 +11,7 @@ from formulations.coulomb import coulomb_residual
 from formulations.errors import GpxLcpError, ProblemError, SettingsError
 from formulations.lcp import LCP
 from formulations.normal import normal_impulse, normal_lcp, normal_qp, normal_residual
-from formulations.programs import FORMULATIONS, RESIDUALS
+from formulations.programs import FORMULATIONS, PROJECTIONS, RESIDUALS
 from formulations.pyramid import (
     DEFAULT_FACETS,
     pyramid_impulse,
@@ -28,6 +28,7 @@ __all__ = [
     "DEFAULT_FACETS",
     "FORMULATIONS",
     "LCP",
+    "PROJECTIONS",
     "QP",
     "RESIDUALS",
     "Certificate",

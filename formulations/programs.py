@@ -6,9 +6,12 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Final
 
+import numpy as np
+
 from formulations.box import box_residual
 from formulations.checks import Array
 from formulations.cone import cone_residual
+from formulations.cones import box_directions, project_friction_cone, project_polyhedral_cone, pyramid_directions
 from formulations.coulomb import coulomb_residual
 from formulations.normal import normal_residual
 from formulations.pyramid import pyramid_qp_residual, pyramid_residual
@@ -25,5 +28,18 @@ RESIDUALS: Final[Mapping[str, Callable[[StackedSystem, Array, int], float]]] = M
         "pyramid_qp": pyramid_qp_residual,
         "cone": lambda system, impulse, facets: cone_residual(system, impulse),
         "coulomb": lambda system, impulse, facets: coulomb_residual(system, impulse),
+    }
+)
+
+# Onto the impulses that each formulation allows, (impulse, friction, facets) to impulse.
+PROJECTIONS: Final[Mapping[str, Callable[[Array, Array, int], Array]]] = MappingProxyType(
+    {
+        "normal": lambda p, friction, facets: project_friction_cone(p, np.zeros_like(friction)),
+        "box": lambda p, friction, facets: project_polyhedral_cone(p, friction, box_directions(p.shape[1])),
+        "pyramid": lambda p, friction, facets: project_polyhedral_cone(
+            p, friction, pyramid_directions(p.shape[1], facets)
+        ),
+        "cone": lambda p, friction, facets: project_friction_cone(p, friction),
+        "coulomb": lambda p, friction, facets: project_friction_cone(p, friction),
     }
 )

@@ -10,9 +10,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from formulations import DEFAULT_FACETS, FORMULATIONS, RESIDUALS, StackedSystem
+from formulations import DEFAULT_FACETS, FORMULATIONS, PROJECTIONS, RESIDUALS, StackedSystem
 from formulations.checks import Array, as_array
-from formulations.cones import project_friction_cone
 from gpx_lcp.errors import BackendMissing, ProblemError, SettingsError
 from gpx_lcp.solution import Solution, Status
 from gpx_lcp.solvers import Outcome, Request, Solver, solvers
@@ -56,7 +55,7 @@ def solve(
         Sweeps, pivots or steps; each solver has a limit of its own.
     time_limit : float, optional, s
     warm_start : (n, rows) array, optional, N s
-        Impulses to start from. Those outside their friction cones are projected onto them, and
+        Impulses to start from. Those outside the cones of the formulation are projected onto them, and
         `extras["warm_start_moved"]` tells how far, relative to the largest impulse.
     facets : int
         Of the pyramids, at least 3.
@@ -99,7 +98,7 @@ def solve(
     )
     extras: dict[str, Any] = {}
     if warm_start is not None:
-        guess, moved = _checked_warm_start(row, system, warm_start)
+        guess, moved = _checked_warm_start(row, request, warm_start)
         request = replace(request, warm_start=guess)
         extras["warm_start_moved"] = moved
     outcome = row.run(request) if system.B.any() else _nothing_to_do(request)
@@ -182,12 +181,13 @@ def _checked_settings(row: Solver, settings: Mapping[str, Any]) -> Mapping[str, 
     return {**row.defaults, **settings}
 
 
-def _checked_warm_start(row: Solver, system: StackedSystem, warm_start: npt.ArrayLike) -> tuple[Array, float]:
+def _checked_warm_start(row: Solver, request: Request, warm_start: npt.ArrayLike) -> tuple[Array, float]:
+    system = request.system
     if not row.warm_starts:
         able = ", ".join(other.name for other in solvers().values() if other.warm_starts and other.installed)
         raise SettingsError(f"{row.name} cannot be warm-started; these can: {able}")
     guess = as_array("warm_start", warm_start, (system.contacts, system.rows))
-    inside = project_friction_cone(guess, system.friction)
+    inside = PROJECTIONS[request.formulation](guess, system.friction, request.facets)
     size = float(np.abs(guess).max(initial=0.0))
     moved = float(np.abs(inside - guess).max(initial=0.0)) / size if size > 0.0 else 0.0
     return inside, moved

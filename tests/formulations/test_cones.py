@@ -44,6 +44,13 @@ def test_projection_of_known_points():
     np.testing.assert_allclose(project_friction_cone(x, friction), expected, atol=1e-15)
 
 
+def test_without_friction_only_the_positive_normal_is_left():
+    friction = np.zeros(3)
+    x = np.array([[-1.0, 0, 0], [-1.0, 2, 0], [1.0, 2, 0]])
+    np.testing.assert_array_equal(project_friction_cone(x, friction), [[0.0, 0, 0], [0, 0, 0], [1, 0, 0]])
+    np.testing.assert_array_equal(friction_cone_derivative(x, friction)[:2], 0.0)
+
+
 @pytest.mark.parametrize("rows", [1, 2, 3])
 def test_derivative_agrees_with_differences_where_the_projection_is_smooth(rows):
     rng = np.random.default_rng(0)

@@ -279,9 +279,8 @@ def test_acceleration_brings_a_tower_of_thirty_to_1e_6():
 # ---- stopping
 
 
-@pytest.mark.parametrize("formulation", ["normal", "pyramid", "cone", "coulomb"])
+@pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_solved_warm_start_costs_no_sweep(formulation):
-    """Not so for the box: its solution may lie outside the friction cone that warm starts are projected onto."""
     system = tower(2)
     solution = pgs(system, formulation, tolerance=1e-9)
     again = pgs(system, formulation, tolerance=1e-8, warm_start=solution.impulse)
