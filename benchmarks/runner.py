@@ -1,0 +1,261 @@
+"""Runs attempts: interleaved repeats, one timed call per step, one row per attempt and case, failures too."""
+
+from __future__ import annotations
+
+import gc
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+
+import numpy as np
+
+import gpx_lcp as gpx
+from benchmarks.bodies import Bodies
+from benchmarks.interface import Array, Engine, Setting, StepFacts
+from benchmarks.measures import Measures, measure
+from benchmarks.rows import Row
+
+CASES = ("cold", "stepped")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How much is run.
+
+    Parameters
+    ----------
+    time_step : float
+        The same for every engine, s.
+    repeats : int
+        Fresh simulations of each setting, interleaved: every setting once, then every setting again.
+    steps : int
+        Warm steps after the cold first one.
+    time_limit : float
+        Wall time for all repeats of one setting on one scene, s. A simulation stops at the first step that ends beyond
+        it; a further repeat starts only when another like the last one would fit. The first step is always made.
+    """
+
+    time_step: float
+    repeats: int
+    steps: int
+    time_limit: float
+
+
+@dataclass
+class Trial:
+    """One simulation: the wall time of each step call, and the measures of the first step and of the last ones."""
+
+    seconds: list[float] = field(default_factory=list)
+    facts: list[StepFacts] = field(default_factory=list)
+    cold: Measures | None = None
+    settled: list[Measures] = field(default_factory=list)
+    contacts: list[int] = field(default_factory=list)
+
+
+@dataclass
+class Attempt:
+    """Every trial of one setting on one scene."""
+
+    setting: Setting
+    trials: list[Trial] = field(default_factory=list)
+    spent: float = 0.0
+    last: float = 0.0
+    status: str = ""
+    message: str = ""
+
+    def wants_more(self, plan: Plan) -> bool:
+        """Whether another trial is due."""
+        if self.status or len(self.trials) >= plan.repeats:
+            return False
+        return not self.trials or self.spent + self.last <= plan.time_limit
+
+
+def run_scene(
+    name: str,
+    scene: gpx.Scene,
+    engines: Mapping[str, Engine],
+    settings: Sequence[Setting],
+    plan: Plan,
+    advance: Callable[[str], None],
+) -> Iterator[list[Row]]:
+    """Run every setting on one scene; yield the rows once, also when Ctrl-C stops the run, which is then raised again.
+
+    `advance(text)` is called before each trial, `plan.repeats` times per setting.
+    """
+    bodies = Bodies.from_scene(scene)
+    attempts = [Attempt(setting) for setting in settings]
+    try:
+        for _ in range(plan.repeats):
+            for attempt in attempts:
+                setting = attempt.setting
+                advance(f"{name}: {setting.engine} {setting.solver} {setting.label}")
+                if attempt.wants_more(plan):
+                    _try_once(attempt, scene, bodies, engines[setting.engine], plan)
+    except KeyboardInterrupt:
+        yield rows_of(name, bodies, attempts, engines, plan)
+        raise
+    yield rows_of(name, bodies, attempts, engines, plan)
+
+
+def _try_once(attempt: Attempt, scene: gpx.Scene, bodies: Bodies, engine: Engine, plan: Plan) -> None:
+    """Run one trial; an engine's refusal or failure becomes the attempt's status, never an exception of the harness."""
+    start = time.perf_counter()
+    trial = Trial()
+    try:
+        _simulate(trial, scene, bodies, engine, attempt.setting, plan, plan.time_limit - attempt.spent)
+    except (gpx.SettingsError, gpx.BackendMissing) as error:
+        attempt.status, attempt.message = "refused", str(error)
+    except Exception as error:
+        # One engine that breaks on one scene must not lose the others' results.
+        attempt.status, attempt.message = "error", f"{type(error).__name__}: {error}"
+    if trial.cold is not None:
+        attempt.trials.append(trial)
+    attempt.last = time.perf_counter() - start
+    attempt.spent += attempt.last
+
+
+def _simulate(
+    trial: Trial, scene: gpx.Scene, bodies: Bodies, engine: Engine, setting: Setting, plan: Plan, limit: float
+) -> None:
+    start = time.perf_counter()
+    settled_from = plan.steps - plan.steps // 4
+    with closing(engine.simulate(scene, plan.time_step, setting, plan.time_limit)) as simulation, _no_collection():
+        for step in range(plan.steps + 1):
+            late = time.perf_counter() - start > limit
+            if late and step == 1:
+                break  # the cold step alone took all there was: no stepped case
+            last = late or step == plan.steps
+            judged = step == 0 or step > settled_from or last
+            before = simulation.motion() if judged else None
+            tick = time.perf_counter()
+            simulation.step()
+            trial.seconds.append(time.perf_counter() - tick)
+            trial.facts.append(simulation.facts())
+            if before is not None:
+                contacts = simulation.contacts()
+                judgement = measure(bodies, before, simulation.motion(), contacts, plan.time_step)
+                trial.contacts.append(contacts.gap.size)
+                if step == 0:
+                    trial.cold = judgement
+                else:
+                    trial.settled.append(judgement)
+            if last and step > 0:
+                break
+
+
+@contextmanager
+def _no_collection() -> Iterator[None]:
+    """Keep the garbage collector out of the timed calls, as timeit does."""
+    gc.collect()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+
+
+def rows_not_run(
+    name: str, scene: gpx.Scene, engines: Mapping[str, Engine], settings: Sequence[Setting], plan: Plan
+) -> list[Row]:
+    """Return the rows of a scene that Ctrl-C left out."""
+    return rows_of(name, Bodies.from_scene(scene), [Attempt(setting) for setting in settings], engines, plan)
+
+
+def rows_of(
+    scene: str, bodies: Bodies, attempts: Sequence[Attempt], engines: Mapping[str, Engine], plan: Plan
+) -> list[Row]:
+    """Return the rows of every attempt, one per case."""
+    return [
+        _row(scene, bodies, attempt, engines[attempt.setting.engine], case, plan)
+        for attempt in attempts
+        for case in CASES
+    ]
+
+
+def _row(scene: str, bodies: Bodies, attempt: Attempt, engine: Engine, case: str, plan: Plan) -> Row:
+    setting = attempt.setting
+    row = Row(
+        suite="stacks",
+        scene=scene,
+        case=case,
+        bodies=bodies.count,
+        engine=setting.engine,
+        engine_version=engine.version(),
+        solver=setting.solver,
+        formulation=setting.formulation,
+        setting=setting.label,
+        effort=setting.effort,
+        time_step=plan.time_step,
+        # A row that holds no measure, and no reason of its own, is one that Ctrl-C left out.
+        status=attempt.status or "interrupted",
+        message=attempt.message,
+        measured_at=datetime.now(UTC).isoformat(timespec="seconds"),
+    )
+    part = slice(0, 1) if case == "cold" else slice(1, None)
+    judged = [t for t in attempt.trials if t.seconds[part] and (case == "cold" or t.settled)]
+    if not judged:
+        if attempt.trials and not attempt.status:
+            return replace(row, status="time limit", message=f"the cold step alone took {plan.time_limit:g} s")
+        return row
+    # The engines are deterministic, so the first trial's impulses stand for all; its step count is the largest, too.
+    first = judged[0]
+    assert first.cold is not None  # `_try_once` keeps no trial without its first step
+    worst = first.cold if case == "cold" else worst_of(first.settled)
+    facts = first.facts[part]
+    middle, low, high = step_times([t.seconds[part] for t in judged])
+    steps = len(first.seconds[part])
+    short = case == "stepped" and steps < plan.steps
+    limit_note = f"time limit: {steps} of {plan.steps} steps" if short else ""
+    return replace(
+        row,
+        status=_worst_status(facts) if not attempt.status else attempt.status,
+        message="; ".join(filter(None, (attempt.message, limit_note))),
+        method=facts[-1].method,
+        fallbacks=" ".join(dict.fromkeys(name for fact in facts for name in fact.fallbacks)),
+        contacts=first.contacts[0] if case == "cold" else first.contacts[-1],
+        repeats=len(judged),
+        steps=steps,
+        step_ms=1e3 * middle,
+        step_ms_low=1e3 * low,
+        step_ms_high=1e3 * high,
+        setup_ms=_mean_ms([fact.setup_seconds for fact in facts]),
+        solve_ms=_mean_ms([fact.solve_seconds for fact in facts]),
+        iterations=_mean([fact.iterations for fact in facts]),
+        **worst.as_dict(),
+    )
+
+
+def step_times(trials: Sequence[Sequence[float]]) -> tuple[float, float, float]:
+    """Return the mean over steps of each step's median, fastest and slowest time over the trials, s.
+
+    The median at each step drops a hiccup of the machine, and the mean keeps the cost of steps that are really dearer.
+    A step that only some trials reached counts with those that did.
+    """
+    longest = max(len(trial) for trial in trials)
+    table: Array = np.full((len(trials), longest), np.nan)
+    for row, trial in zip(table, trials, strict=True):
+        row[: len(trial)] = trial
+    return tuple(float(f(table, axis=0).mean()) for f in (np.nanmedian, np.nanmin, np.nanmax))  # type: ignore[return-value]
+
+
+def worst_of(judgements: Sequence[Measures]) -> Measures:
+    """Return the largest value of each measure."""
+    names = judgements[0].as_dict()
+    return Measures(**{name: max(judgement.as_dict()[name] for judgement in judgements) for name in names})
+
+
+def _worst_status(facts: Sequence[StepFacts]) -> str:
+    """Return the first status that is not a success, else the common one."""
+    return next((fact.status for fact in facts if fact.status not in ("ran", "solved")), facts[-1].status)
+
+
+def _mean(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return float(np.mean(known)) if known else None
+
+
+def _mean_ms(values: Sequence[float | None]) -> float | None:
+    mean = _mean(values)
+    return None if mean is None else 1e3 * mean

@@ -1,0 +1,162 @@
+"""The runner with engines that misbehave: a failure is a row, never a hole and never the end of the run."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+import gpx_lcp as gpx
+from benchmarks.bodies import Bodies
+from benchmarks.interface import Contacts, Setting, StepFacts
+from benchmarks.rates import FEW, MANY, measure_rates
+from benchmarks.runner import CASES, Plan, rows_not_run, run_scene, step_times
+
+PLAN = Plan(time_step=1 / 240, repeats=3, steps=8, time_limit=30.0)
+
+
+class Still:
+    """An engine that holds everything in place, with no contact; `on_step` may misbehave."""
+
+    name, install, note = "still", "cannot be had", ""
+
+    def __init__(self, on_step=lambda step: None, status="ran"):
+        self.on_step, self.status, self.made = on_step, status, 0
+
+    def version(self):
+        return "1.0"
+
+    def sweeping(self, sweeps):
+        return [Setting("still", "sweeps", "box", str(sweeps), sweeps)]
+
+    def simulate(self, scene, time_step, setting, time_limit):
+        self.made += 1
+        return StillSimulation(self, Bodies.from_scene(scene).start)
+
+
+class StillSimulation:
+    def __init__(self, engine, motion):
+        self.engine, self._motion, self.steps = engine, motion, 0
+
+    def step(self):
+        self.engine.on_step(self.steps)
+        self.steps += 1
+
+    def motion(self):
+        return self._motion
+
+    def contacts(self):
+        flat, wide, index = np.zeros(1), np.zeros((1, 3)), np.zeros(1, dtype=np.int64)
+        up = np.array([[0.0, 0.0, 1.0]])
+        return Contacts(index - 1, index, wide, wide, up, flat, flat, wide)
+
+    def facts(self):
+        return StepFacts(status=self.engine.status, iterations=self.steps)
+
+    def close(self):
+        pass
+
+
+def run(engines: dict[str, Still], plan=PLAN):
+    settings = [Setting(name, "none", "box", "as is", 1.0) for name in engines]
+    told: list[str] = []
+    rows = next(run_scene("tower-1", gpx.scenes.tower(1), engines, settings, plan, told.append))
+    assert [(row.engine, row.case) for row in rows] == list(itertools.product(engines, CASES))
+    return rows, told
+
+
+def raises(error):
+    def on_step(step):
+        raise error
+
+    return on_step
+
+
+def test_a_quiet_engine_gives_a_cold_and_a_stepped_row():
+    engine = Still()
+    (cold, stepped), told = run({"still": engine})
+    assert engine.made == len(told) == PLAN.repeats
+    assert (cold.steps, stepped.steps, cold.repeats) == (1, 8, 3)
+    assert cold.load_error == 1.0
+    assert (cold.iterations, stepped.iterations) == (1.0, 5.5)
+    assert cold.step_ms_low <= cold.step_ms <= cold.step_ms_high
+    assert cold.status == "ran"
+
+
+def test_an_engine_that_breaks_is_a_row_and_the_others_go_on():
+    rows, _ = run({"broken": Still(raises(RuntimeError("out of order"))), "still": Still()})
+    assert [row.status for row in rows] == ["error", "error", "ran", "ran"]
+    assert rows[0].message == "RuntimeError: out of order"
+    assert not rows[0].measured and rows[2].measured
+
+
+def test_an_engine_that_refuses_a_setting_says_why():
+    rows, _ = run({"picky": Still(raises(gpx.SettingsError("not with me")))})
+    assert [(row.status, row.message) for row in rows] == [("refused", "not with me")] * 2
+
+
+def test_an_engine_that_breaks_later_keeps_its_first_step():
+    def on_step(step):
+        if step == 3:
+            raise RuntimeError("later")
+
+    (cold, stepped), _ = run({"tired": Still(on_step)})
+    assert cold.measured and cold.status == "error"
+    assert not stepped.measured and stepped.status == "error"
+
+
+def test_the_worst_status_of_the_steps_is_reported():
+    (cold, _), _ = run({"still": Still(status="max_iterations")})
+    assert cold.status == "max_iterations"
+
+
+def test_without_time_one_step_is_made_and_the_stepped_row_says_so():
+    (cold, stepped), _ = run({"still": Still()}, Plan(1 / 240, repeats=3, steps=8, time_limit=1e-9))
+    assert (cold.steps, cold.repeats) == (1, 1)
+    assert stepped.status == "time limit"
+    assert not stepped.measured
+
+
+def test_ctrl_c_keeps_what_was_measured_and_lists_the_rest():
+    engines = {"still": Still(), "stopped": Still(raises(KeyboardInterrupt())), "never": Still()}
+    settings = [Setting(name, "none", "box", "as is", 1.0) for name in engines]
+    batches = run_scene("tower-1", gpx.scenes.tower(1), engines, settings, PLAN, lambda text: None)
+    rows = next(batches)
+    assert [row.status for row in rows if row.case == "cold"] == ["ran", "interrupted", "interrupted"]
+    with pytest.raises(KeyboardInterrupt):
+        next(batches)
+
+
+def test_a_scene_that_was_not_reached_has_its_rows_too():
+    rows = rows_not_run(
+        "tower-1", gpx.scenes.tower(1), {"still": Still()}, [Setting("still", "a", "b", "c", 1.0)], PLAN
+    )
+    assert [(row.case, row.status) for row in rows] == [("cold", "interrupted"), ("stepped", "interrupted")]
+
+
+def test_step_times_drop_a_hiccup_and_keep_a_dear_step():
+    middle, low, high = step_times([[1.0, 5.0], [1.0, 5.0], [9.0, 5.0]])
+    assert (middle, low, high) == (3.0, 3.0, 7.0)
+    assert step_times([[1.0, 3.0], [1.0]])[0] == 2.0
+
+
+def test_rates_are_the_difference_of_two_sweep_counts(monkeypatch):
+    # A clock that a simulation moves by 1 ms and 2 µs per sweep: per contact (one here) and sweep, that is 2000 ns.
+    now = [0.0]
+    monkeypatch.setattr("benchmarks.rates.time.perf_counter", lambda: now[0])
+
+    class Clocked(Still):
+        def simulate(self, scene, time_step, setting, time_limit):
+            def on_step(step):
+                now[0] += 1e-3 + 2e-6 * setting.effort
+
+            self.on_step = on_step
+            return super().simulate(scene, time_step, setting, time_limit)
+
+    told: list[str] = []
+    scene = gpx.scenes.tower(1)
+    (rate,) = measure_rates("tower-1", scene, {"still": Clocked()}, 1 / 240, 3, lambda setting: True, told.append)
+    assert rate.median == pytest.approx(2000.0)
+    assert rate.fastest == pytest.approx(2000.0)
+    assert (rate.contacts, len(told)) == (1, 3)
+    assert MANY > FEW
+    assert measure_rates("tower-1", scene, {"still": Clocked()}, 1 / 240, 3, lambda setting: False, told.append) == []
