@@ -1,0 +1,227 @@
+"""Charts of measured rows: time against error, one small panel per scene, with the Pareto front."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+from benchmarks.rows import Row
+from benchmarks.style import FRONT, INK, PALETTE, QUIET, house_style
+
+
+@dataclass(frozen=True)
+class Axis:
+    """What is drawn upwards: a measure of the rows and the range in which it says something.
+
+    Parameters
+    ----------
+    measure : str
+        Column of the rows.
+    label : str
+    floor, ceiling : float
+        Values outside are drawn on the edge: below the floor is rounding, above the ceiling nothing stands.
+    """
+
+    measure: str
+    label: str
+    floor: float
+    ceiling: float
+
+    def value(self, row: Row) -> float:
+        """Return the row's measure, moved inside the range."""
+        return min(max(float(getattr(row, self.measure)), self.floor), self.ceiling)
+
+
+# At rest any engine's loads are right in the end, so the warm steps are told apart by how far the stack has moved.
+AXES: Mapping[str, Axis] = {
+    "cold": Axis("load_error", "load error: worst |force across a cut / weight above it − 1|", 1e-15, 3.0),
+    "stepped": Axis("drift", "drift: farthest that a body has moved from its place, m", 1e-15, 3.0),
+}
+
+
+@dataclass(frozen=True)
+class Look:
+    """How one solver of one engine is drawn."""
+
+    label: str
+    colour: str
+    marker: str = ""
+    dashed: bool = False
+
+
+LOOKS: Mapping[tuple[str, str], Look] = {
+    ("gpx-lcp", "pgs"): Look("pgs", PALETTE["blue"]),
+    ("gpx-lcp", "interior_point"): Look("interior_point", PALETTE["green"]),
+    ("gpx-lcp", "lemke"): Look("lemke", PALETTE["sky"]),
+    ("gpx-lcp", "osqp"): Look("osqp", PALETTE["orange"]),
+    ("pybullet", "SI"): Look("pybullet SI", PALETTE["vermillion"], "X", dashed=True),
+    ("pybullet", "MLCP-PGS"): Look("pybullet MLCP-PGS", PALETTE["vermillion"], "P", dashed=True),
+    ("pybullet", "SI (as shipped)"): Look("pybullet SI, as shipped", INK, "X"),
+    ("pybullet", "MLCP-Dantzig"): Look("pybullet MLCP-Dantzig", PALETTE["purple"], "*", dashed=True),
+}
+OTHER_BACKEND = Look("other QP backend", QUIET)
+
+SHAPES: Mapping[str, str] = {"coulomb": "o", "cone": "^", "pyramid": "D", "box": "s", "normal": "v"}
+SHAPE_LABELS: Mapping[str, str] = {"normal": "normal: no friction,\nnot in the front"}
+FRONT_LABEL = "Pareto front: nothing\nelse is both faster\nand more accurate"
+
+
+def look_of(row: Row) -> Look:
+    """Return how the row's solver is drawn."""
+    return LOOKS.get((row.engine, row.solver), OTHER_BACKEND)
+
+
+def pareto_front(points: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Return, by rising time, the points (time, error) that no other one beats in both."""
+    front: list[tuple[float, float]] = []
+    for time, error in sorted(points):
+        if not front or error < front[-1][1]:
+            front.append((time, error))
+    return front
+
+
+def speed_accuracy(
+    rows: Sequence[Row], case: str, titles: Mapping[str, str], heading: str, footer: str, stem: Path
+) -> list[Path]:
+    """Draw step time against error, one panel per scene, and write stem.png and stem.svg.
+
+    Parameters
+    ----------
+    rows : sequence of Row
+        Rows without a measured step, or of another case, are left out.
+    case : str
+        "cold" or "stepped": a key of `AXES`.
+    titles : mapping
+        Panel title of each scene, in the order of the panels.
+    heading, footer : str
+        Lines above and below the panels.
+    stem : Path
+        Where to write, without the suffix.
+
+    Returns
+    -------
+    The paths written; none when no row of this case was measured.
+    """
+    axis = AXES[case]
+    drawn = [row for row in rows if row.case == case and row.measured]
+    scenes = [scene for scene in titles if any(row.scene == scene for row in drawn)]
+    if not scenes:
+        return []
+    with house_style():
+        columns = min(3, len(scenes))
+        lines = -(-len(scenes) // columns)
+        figure = Figure(figsize=(4.1 * columns + 3.3, 3.6 * lines + 1.9), layout="constrained")
+        panels, legend = figure.subfigures(1, 2, width_ratios=(4.1 * columns, 3.1))
+        axes = panels.subplots(lines, columns, squeeze=False, sharey=True, sharex=True)
+        for ax in axes.flat[len(scenes) :]:
+            ax.set_visible(False)
+        for ax, scene in zip(axes.flat, scenes, strict=False):
+            _panel(ax, [row for row in drawn if row.scene == scene], titles[scene], axis)
+            # Engines that blew up, or see a corner that lifts, report other numbers later: the first step's counts.
+            contacts = next(
+                (row.contacts for row in rows if row.scene == scene and row.case == "cold" and row.measured), 0
+            )
+            ax.set_title(f"{contacts} contacts", loc="right", fontsize=11.5, fontweight="normal", color=QUIET)
+        panels.supxlabel("wall time per step, ms", color=INK, fontsize=13)
+        panels.supylabel(axis.label, color=INK, fontsize=13)
+        figure.suptitle(heading, x=0.01, ha="left", fontsize=17, fontweight="bold")
+        figure.text(0.01, -0.012, footer, ha="left", va="top", fontsize=11, color=QUIET)
+        _legend(legend, drawn)
+        return _save(figure, stem)
+
+
+def _panel(ax: Axes, rows: Sequence[Row], title: str, axis: Axis) -> None:
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    front = pareto_front((float(row.step_ms or 0.0), axis.value(row)) for row in rows if not row.frictionless)
+    # The front is a staircase: between two points, nothing reaches the lower error in less than the later time.
+    ax.step([t for t, _ in front], [e for _, e in front], where="post", color=FRONT, linewidth=7, zorder=1)
+    for line in dict.fromkeys(row.line for row in rows):
+        members = sorted((row for row in rows if row.line == line), key=lambda row: row.effort)
+        look, hollow = look_of(members[0]), members[0].frictionless
+        ax.plot(
+            [float(row.step_ms or 0.0) for row in members],
+            [axis.value(row) for row in members],
+            color=look.colour,
+            marker=look.marker or SHAPES.get(members[0].formulation, "o"),
+            linestyle="--" if look.dashed else "-",
+            markerfacecolor="white" if hollow else look.colour,
+            markeredgecolor=look.colour if hollow else "white",
+            markeredgewidth=1.4 if hollow else 0.8,
+            markersize=14 if look.marker == "*" else None,
+            linewidth=0.9 if hollow else None,
+            clip_on=False,
+            zorder=3 if hollow else 4,
+        )
+    ax.set_title(title)
+    ax.set_ylim(axis.floor / 3, 3 * axis.ceiling)
+    ax.yaxis.set_major_locator(LogLocator(base=1000.0, numticks=12))
+    ax.yaxis.set_minor_locator(NullLocator())
+    ax.xaxis.set_major_locator(LogLocator(base=10.0, numticks=12))
+    ax.xaxis.set_minor_locator(NullLocator())
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+
+
+def _legend(figure: matplotlib.figure.FigureBase, rows: Sequence[Row]) -> None:
+    """Draw the legends beside the panels: colour says the solver, shape says the program it solves."""
+    present = dict.fromkeys(look_of(row) for row in rows)
+    solvers = [look for look in [*LOOKS.values(), OTHER_BACKEND] if look in present]
+    own = [look for look in solvers if not look.marker]
+    peers = [look for look in solvers if look.marker]
+    shapes = [name for name in SHAPES if any(row.formulation == name and not look_of(row).marker for row in rows)]
+    blocks = [
+        ("gpx-lcp, by solver", [(_swatch(look), look.label) for look in own]),
+        ("and by program", [(_shape(name), SHAPE_LABELS.get(name, name)) for name in shapes]),
+        ("peers", [(_peer(look), look.label) for look in peers]),
+        ("", [(Line2D([], [], color=FRONT, linewidth=7), FRONT_LABEL)]),
+    ]
+    # Each block starts where the one above it ends.
+    inch = 1.0 / figure.get_figure(root=True).get_size_inches()[1]
+    top = 1.0 - 0.55 * inch
+    for title, entries in blocks:
+        if not entries:
+            continue
+        handles, labels = zip(*entries, strict=True)
+        drawn = figure.legend(
+            handles,
+            labels,
+            title=title,
+            loc="upper left",
+            bbox_to_anchor=(0.0, top),
+            alignment="left",
+            handlelength=2.0,
+        )
+        drawn.get_title().set_fontweight("bold")
+        lines = sum(label.count("\n") + 1 for label in labels) + (1.3 if title else 0.0)
+        top -= (0.2 + 0.245 * lines) * inch
+
+
+def _swatch(look: Look) -> Line2D:
+    return Line2D([], [], color=look.colour, linewidth=6)
+
+
+def _shape(name: str) -> Line2D:
+    face = "white" if name == "normal" else QUIET
+    return Line2D([], [], color=QUIET, marker=SHAPES[name], linestyle="", markerfacecolor=face)
+
+
+def _peer(look: Look) -> Line2D:
+    style = "--" if look.dashed else ""
+    return Line2D([], [], color=look.colour, marker=look.marker, linestyle=style, markeredgecolor="white")
+
+
+def _save(figure: Figure, stem: Path) -> list[Path]:
+    stem.parent.mkdir(parents=True, exist_ok=True)
+    paths = [stem.with_suffix(".png"), stem.with_suffix(".svg")]
+    FigureCanvasAgg(figure).print_figure(paths[0], dpi=150, bbox_inches="tight", pad_inches=0.15)
+    FigureCanvasSVG(figure).print_figure(paths[1], bbox_inches="tight", pad_inches=0.15, metadata={"Date": None})
+    return paths

@@ -1,0 +1,125 @@
+"""Tables for the terminal and for the text file beside the rows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from rich import box
+from rich.table import Table
+from rich.text import Text
+
+from benchmarks.interface import scientific
+from benchmarks.rates import Rate
+from benchmarks.rows import Row
+
+BOUNDS = (1e-2, 1e-3, 1e-6, 1e-9)
+
+# A settled stack that sank or wandered further than this does not stand, whatever its loads are (m).
+PENETRATION_LIMIT, DRIFT_LIMIT = 1e-3, 1e-2
+
+
+def scene_table(title: str, rows: Sequence[Row]) -> Table:
+    """Return one scene's table: a line per setting, the cold first step beside the warm steps."""
+    table = new_table(title)
+    table.add_column("engine, solver, program, setting", overflow="fold", min_width=38)
+    for column in ("cold ms", "of it solve", "load err", "nat. map", "warm ms", "load err", "sunk µm", "drift µm"):
+        table.add_column(column, justify="right", no_wrap=True)
+    table.add_column("remark", style="yellow")
+    previous = ""
+    for cold, stepped in _pairs(rows):
+        if previous and cold.engine != previous:
+            table.add_section()
+        previous = cold.engine
+        table.add_row(
+            f"{cold.engine} {cold.solver} {cold.formulation}, {cold.setting}",
+            _ms(cold.step_ms),
+            _ms(cold.solve_ms),
+            _error(cold.load_error),
+            _error(cold.natural_map),
+            _ms(stepped.step_ms),
+            _error(stepped.load_error),
+            _micro(stepped.penetration, PENETRATION_LIMIT),
+            _micro(stepped.drift, DRIFT_LIMIT),
+            _remark(cold, stepped),
+        )
+    return table
+
+
+def reach_table(titles: Mapping[str, str], rows: Sequence[Row]) -> Table:
+    """Return, for each scene and bound, the fastest gpx-lcp and the fastest peer whose cold load error is below it."""
+    table = new_table("Fastest cold step, with friction, whose load error is below the bound at every cut, ms")
+    table.add_column("scene")
+    table.add_column("engine")
+    for bound in BOUNDS:
+        table.add_column(scientific(bound), justify="right")
+    cold = [row for row in rows if row.case == "cold" and row.measured and not row.frictionless]
+    for scene, title in titles.items():
+        here = [row for row in cold if row.scene == scene]
+        for engine in dict.fromkeys(row.engine for row in here):
+            cells = [_fastest([row for row in here if row.engine == engine], bound) for bound in BOUNDS]
+            table.add_row(title, engine, *cells)
+    return table
+
+
+def rate_table(rates: Iterable[Rate]) -> Table:
+    """Return the cost of a sweep per contact."""
+    table = new_table("Cost of a sweep, ns per contact")
+    for column in ("scene", "engine", "solver", "program"):
+        table.add_column(column)
+    for column in ("contacts", "median", "fastest repeats"):
+        table.add_column(column, justify="right")
+    for rate in rates:
+        table.add_row(
+            rate.scene,
+            rate.engine,
+            rate.solver,
+            rate.formulation,
+            str(rate.contacts),
+            f"{rate.median:.1f}",
+            f"{rate.fastest:.1f}",
+        )
+    return table
+
+
+def new_table(title: str) -> Table:
+    """Return an empty table in the house style."""
+    return Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
+
+
+def _pairs(rows: Sequence[Row]) -> Iterable[tuple[Row, Row]]:
+    """Return the cold and the stepped row of each setting."""
+    stepped = {(row.line, row.setting): row for row in rows if row.case == "stepped"}
+    return ((row, stepped[row.line, row.setting]) for row in rows if row.case == "cold")
+
+
+def _fastest(rows: Sequence[Row], bound: float) -> str:
+    reached = [row for row in rows if row.load_error is not None and row.load_error <= bound]
+    if not reached:
+        return "never"
+    best = min(reached, key=lambda row: float(row.step_ms or 0.0))
+    return f"{_ms(best.step_ms)} {best.solver}"
+
+
+def _remark(cold: Row, stepped: Row) -> str:
+    """Return the statuses where they are not plain success, and every fallback and message."""
+    parts = [] if cold.status in ("ran", "solved") else [cold.status]
+    if stepped.status not in ("ran", "solved", cold.status):
+        parts.append(f"warm: {stepped.status}")
+    parts.extend(f"fell back to {name}" for name in dict.fromkeys((cold.fallbacks, stepped.fallbacks)) if name)
+    parts.extend(message for message in dict.fromkeys((cold.message, stepped.message)) if message)
+    return "; ".join(parts)
+
+
+def _ms(value: float | None) -> str:
+    return "" if value is None else f"{value:.3g}"
+
+
+def _error(value: float | None) -> str:
+    return "" if value is None else f"{value:.1e}"
+
+
+def _micro(value: float | None, limit: float) -> Text:
+    """Return a length in µm, in red beyond the limit."""
+    return Text(
+        "" if value is None else f"{1e6 * value:.3g}", style="red" if value is not None and value > limit else ""
+    )

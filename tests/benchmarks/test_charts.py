@@ -1,0 +1,80 @@
+"""Rows on disk and in pictures."""
+
+import csv
+import re
+
+import matplotlib
+import pytest
+from matplotlib.image import imread
+
+from benchmarks.charts import AXES, pareto_front, speed_accuracy
+from benchmarks.rows import COLUMNS, Row, write_csv
+
+TITLES = {"tower-5": "Tower of 5", "wall-5": "Wall, 5 rows", "tower-10": "not measured"}
+
+
+def row(scene="tower-5", case="cold", engine="gpx-lcp", solver="pgs", formulation="coulomb", **measured) -> Row:
+    return Row("stacks", scene, case, 5, engine, "1", solver, formulation, "x", 1.0, 1 / 240, "solved", **measured)
+
+
+ROWS = [
+    row(step_ms=1.0, load_error=1e-3, contacts=20),
+    row(step_ms=2.0, load_error=1e-6, contacts=20),
+    row(step_ms=0.5, load_error=1e-9, formulation="normal", contacts=20),
+    row(step_ms=0.2, load_error=float("inf"), engine="pybullet", solver="SI", formulation="box", contacts=20),
+    row("wall-5", step_ms=9.0, load_error=0.0, solver="a backend of tomorrow", formulation="pyramid", contacts=100),
+    row("wall-5", case="stepped", step_ms=9.0, drift=1e-6, contacts=100),
+    row("wall-5"),
+]
+
+
+def test_csv_has_every_column_and_an_empty_cell_where_nothing_was_measured(tmp_path):
+    path = tmp_path / "deep" / "rows.csv"
+    write_csv(path, [*ROWS, row()])
+    write_csv(path, ROWS)
+    with path.open(newline="") as stream:
+        read = list(csv.DictReader(stream))
+    assert len(read) == len(ROWS)
+    assert tuple(read[0]) == COLUMNS
+    wanted = {"status", "natural_map", "load_error", "cpu", "revision", "build_profile", "engine_version", "fallbacks"}
+    assert wanted <= set(COLUMNS)
+    assert float(read[0]["step_ms"]) == 1.0
+    assert read[-1]["step_ms"] == read[-1]["natural_map"] == ""
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_pareto_front_keeps_what_nothing_beats_in_both():
+    points = [(1.0, 0.1), (2.0, 0.2), (3.0, 0.01), (3.0, 0.02), (0.5, 0.5), (4.0, 0.01)]
+    assert pareto_front(points) == [(0.5, 0.5), (1.0, 0.1), (3.0, 0.01)]
+    assert pareto_front([]) == []
+
+
+@pytest.mark.parametrize("case", list(AXES))
+def test_chart_is_written_as_png_and_svg(tmp_path, case):
+    before = dict(matplotlib.rcParams)
+    paths = speed_accuracy(ROWS, case, TITLES, "A heading", "a footer", tmp_path / "docs" / "picture")
+    assert [path.name for path in paths] == ["picture.png", "picture.svg"]
+    pixels = imread(paths[0])
+    height, width, _ = pixels.shape
+    assert width > 900 and height > 500
+    assert 0.02 < (pixels[:, :, :3].min(axis=2) < 0.95).mean() < 0.6  # neither blank nor black
+    assert re.match(r"<\?xml", paths[1].read_text())
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_the_same_rows_give_the_same_svg(tmp_path):
+    first, second = (
+        speed_accuracy(ROWS, "cold", TITLES, "A heading", "a footer", tmp_path / name)[1] for name in ("a", "b")
+    )
+    assert first.read_bytes() == second.read_bytes()
+
+
+def test_values_outside_the_range_are_drawn_on_its_edge():
+    axis = AXES["cold"]
+    assert axis.value(ROWS[3]) == axis.ceiling
+    assert axis.value(ROWS[4]) == axis.floor
+
+
+def test_without_a_measured_row_no_chart_is_drawn(tmp_path):
+    assert speed_accuracy([row()], "cold", TITLES, "A heading", "a footer", tmp_path / "picture") == []
+    assert not list(tmp_path.iterdir())

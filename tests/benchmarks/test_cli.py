@@ -1,0 +1,124 @@
+"""The command line from outside: what it prints, what it writes, and its exit codes."""
+
+import csv
+import io
+
+import pytest
+from rich.console import Console
+
+import gpx_lcp as gpx
+from benchmarks import cli, stacks
+from benchmarks.engines.pybullet import PyBullet
+
+
+def call(*arguments: str) -> tuple[int, str]:
+    page = io.StringIO()
+    code = cli.main(arguments, Console(file=page, width=200, highlight=False))
+    return code, page.getvalue()
+
+
+def run(tmp_path, *arguments: str) -> tuple[int, str, list[dict[str, str]]]:
+    code, text = call("run", "stacks", "--out", str(tmp_path), "--scene", "tower-5", "--repeats", "1", *arguments)
+    table = tmp_path / "stacks" / "rows.csv"
+    lines = table.read_text(encoding="utf-8").splitlines() if table.exists() else []
+    return code, text, list(csv.DictReader(lines))
+
+
+SMALL = ("--solver", "pgs", "--formulation", "coulomb", "--steps", "4", "--quick")
+
+
+def test_list_names_scenes_engines_and_solvers():
+    code, text = call("list")
+    assert code == cli.OK
+    for name in (*stacks.SCENES, "gpx-lcp", "pybullet (peer)", "pgs", "osqp", "coulomb"):
+        assert name in text
+
+
+def test_list_says_how_to_get_a_missing_peer(monkeypatch):
+    monkeypatch.setattr(PyBullet, "version", lambda self: "")
+    text = call("list")[1]
+    assert "missing" in text
+    assert "pip install pybullet==3.2.7" in text
+
+
+def test_run_writes_rows_tables_charts_and_the_picture(tmp_path):
+    picture = tmp_path / "docs" / "speed-accuracy"
+    code, text, rows = run(tmp_path, *SMALL, "--peer", "none", "--picture", str(picture))
+    assert code == cli.OK
+    assert {row["case"] for row in rows} == {"cold", "stepped"}
+    for row in rows:
+        assert (row["engine"], row["solver"], row["formulation"]) == ("gpx-lcp", "pgs", "coulomb")
+        assert row["status"] == "solved"
+        assert float(row["load_error"]) < 0.1
+        assert row["cpu"] and row["gpx_lcp"] and row["build_profile"] == "release"
+    names = {path.name for path in (tmp_path / "stacks").iterdir()}
+    charts = {f"speed-accuracy-{case}.{kind}" for case in ("cold", "stepped") for kind in ("png", "svg")}
+    assert names == {"rows.csv", "tables.txt"} | charts
+    assert {path.name for path in picture.parent.iterdir()} == {"speed-accuracy.png", "speed-accuracy.svg"}
+    assert "What this does not show" in " ".join(text.split())
+    assert "Tower of 5" in (tmp_path / "stacks" / "tables.txt").read_text()
+
+
+def test_a_missing_peer_is_listed_and_the_run_goes_on(tmp_path, monkeypatch):
+    monkeypatch.setattr(PyBullet, "version", lambda self: "")
+    code, text, rows = run(tmp_path, *SMALL)
+    assert code == cli.OK
+    assert "pybullet is missing" in text and "pip install pybullet==3.2.7" in text
+    (missing,) = [row for row in rows if row["engine"] == "pybullet"]
+    assert missing["status"] == "missing" and "CPython 3.11" in missing["message"]
+    assert "pybullet missing" in text
+
+
+def test_a_debug_build_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(gpx, "BUILD_PROFILE", "debug")
+    code, text, rows = run(tmp_path, *SMALL)
+    assert code == cli.REFUSED
+    assert "debug build" in text and "make setup" in text
+    assert not rows
+
+
+def test_nothing_to_run_is_refused(tmp_path):
+    code, text, rows = run(tmp_path, "--solver", "bogus")
+    assert code == cli.REFUSED
+    assert "nothing to run" in text
+    assert not rows
+
+
+def test_ctrl_c_keeps_the_rows_and_says_so(tmp_path, monkeypatch):
+    def interrupted(self, steps=1):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(gpx.World, "step", interrupted)
+    code, text, rows = run(tmp_path, *SMALL, "--scene", "wall-5", "--peer", "none")
+    assert code == cli.INTERRUPTED
+    assert "stopped by Ctrl-C" in text
+    assert {(row["scene"], row["status"]) for row in rows} == {("tower-5", "interrupted"), ("wall-5", "interrupted")}
+
+
+def test_an_error_in_an_engine_is_the_exit_code(tmp_path, monkeypatch):
+    def broken(self, steps=1):
+        raise RuntimeError("out of order")
+
+    monkeypatch.setattr(gpx.World, "step", broken)
+    code, text, rows = run(tmp_path, *SMALL, "--peer", "none")
+    assert code == cli.FAILED
+    assert {row["status"] for row in rows} == {"error"}
+    assert "RuntimeError: out of order" in text
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [("--scene", "bogus"), ("--repeats", "0"), ("--steps", "-1"), ("--time-limit", "0"), ("--peer", "bogus")],
+    ids=" ".join,
+)
+def test_a_wrong_argument_is_a_usage_error(arguments, capsys):
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["run", "stacks", *arguments])
+    assert stop.value.code == cli.USAGE
+    assert arguments[0] in capsys.readouterr().err
+
+
+def test_help_tells_the_exit_codes(capsys):
+    with pytest.raises(SystemExit):
+        cli.main(["run", "--help"])
+    assert "130  stopped by Ctrl-C" in capsys.readouterr().out
