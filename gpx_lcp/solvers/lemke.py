@@ -9,8 +9,11 @@ the basis inverse settles ties, so that redundant contacts cannot make it cycle.
 Source: C. E. Lemke, *Bimatrix equilibrium points and mathematical programming*, Manage. Sci. 11 (1965); R. W. Cottle,
 J.-S. Pang, R. E. Stone, *The Linear Complementarity Problem* (1992), algorithms 4.4.5 and 4.9.3.
 
-Departures: (1) the inverse of the basis is kept instead of the tableau, refreshed every `REFRESH` pivots; (2) the last
-basis is factored once more and its solution refined, so that the answer carries no error of the pivots.
+Departures: (1) the inverse of the basis is kept instead of the tableau; each pivot column is refined once against the
+basis itself, and the inverse is worked out afresh when that finds it wrong; (2) rows tie when the step would leave
+them within rounding of zero, and the lexicographic order decides among those with a large pivot, unless it idles:
+redundant contacts tie by the dozen, and a pivot of rounding size would end in nonsense; (3) the last basis is factored once more
+and its solution refined, so that the answer carries no error of the pivots.
 """
 
 from __future__ import annotations
@@ -41,11 +44,22 @@ from formulations.checks import Array
 from gpx_lcp.solution import Status
 from gpx_lcp.solvers._interface import Outcome, Request, Solver
 
-REFRESH: Final = 100
+# The inverse is worked out afresh when it gets a pivot column wrong by this share.
+REFRESH: Final = 1e-9
+# But not more often than every so many pivots: where the basis itself is ill-conditioned, it would not help.
+PATIENCE: Final = 20
 # Entries of a pivot column below this share of its largest one are rounding, not pivots.
-PIVOT_TOLERANCE: Final = 1e-10
-# Ratios closer than this share of the largest basic variable are ties, which the lexicographic test decides.
-TIE_TOLERANCE: Final = 1e-12
+PIVOT_TOLERANCE: Final = 1e-11
+# Basic variables below this share of the largest one are zero: rows that would get there are ties.
+ZERO: Final = 1e-11
+# Among tied rows, those whose pivot is below this share of the largest one are left alone: a wall of five rows then
+# takes 89 pivots instead of 278, and none of them ill-conditioned.
+LARGE_PIVOT: Final = 0.5
+# After so many pivots per unknown that moved nothing, only rounding is left alone, and the lexicographic order rules.
+IDLE_PIVOTS: Final = 2
+TINY_PIVOT: Final = 1e-4
+# Relative differences of the rows of the inverse below this are none.
+TIE_TOLERANCE: Final = 1e-9
 PIVOTS_PER_UNKNOWN: Final = 50
 
 
@@ -58,7 +72,8 @@ class LCPSolution:
     z, w : (n,) arrays
         The best point found; w = M z + q.
     status : Status
-        SOLVED, INFEASIBLE with a certificate, STALLED at a ray that proves nothing, MAX_ITERATIONS or NUMERICAL_ERROR.
+        SOLVED, INFEASIBLE with a certificate, STALLED at a ray that proves nothing or at the accuracy that rounding
+        leaves, MAX_ITERATIONS or NUMERICAL_ERROR.
     residual : float
         ‖min(z, w)‖ / ‖q‖, see `LCP.residual`.
     iterations : int
@@ -118,7 +133,7 @@ def solve_lcp(
     if residual <= tolerance:
         status = Status.SOLVED
     elif status is Status.SOLVED:
-        status = Status.NUMERICAL_ERROR
+        status = Status.STALLED
     elif status is Status.INFEASIBLE:
         infeasibility = _proof(lcp, pivots.ray())
         status = Status.STALLED if infeasibility is None else Status.INFEASIBLE
@@ -133,9 +148,12 @@ class _Pivots:
         self.size = lcp.q.size
         self.cover = np.ones(self.size)
         self.basis = np.arange(self.size)
+        self.matrix = np.eye(self.size, order="F")
         self.inverse = np.eye(self.size, order="F")
         self.value = lcp.q.copy()
         self.count = 0
+        self.fresh = 0
+        self.idle = 0
         self.entering = 2 * self.size
         self.direction = np.zeros(self.size)
 
@@ -150,10 +168,15 @@ class _Pivots:
         return unit
 
     def basis_direction(self, variable: int) -> Array:
-        """Return the column of a variable in terms of the basis: a column of the inverse itself for one of w."""
-        if variable < self.size:
-            return self.inverse[:, variable].copy()
-        return np.asarray(self.inverse @ self.column(variable))
+        """Return the column of a variable in terms of the basis, refined once."""
+        column = self.column(variable)
+        direction = self.inverse @ column
+        rest = column - self.matrix @ direction
+        if np.abs(rest).max() > REFRESH * np.abs(column).max() and self.count >= self.fresh + PATIENCE:
+            self.refresh()
+            direction = self.inverse @ column
+            rest = column - self.matrix @ direction
+        return np.asarray(direction + self.inverse @ rest)
 
     def run(self, limit: int, deadline: float | None) -> Status:
         """Pivot until z₀ leaves (SOLVED), a ray appears (INFEASIBLE, unproved yet) or the limit is reached."""
@@ -178,19 +201,23 @@ class _Pivots:
 
     def leaving_row(self) -> int | None:
         """Return the row of the lexicographically least ratio, or None at a ray."""
-        direction = self.direction
+        direction, value = self.direction, self.value
         rows = np.flatnonzero(direction > PIVOT_TOLERANCE * max(1.0, float(np.abs(direction).max())))
         if rows.size == 0:
             return None
-        ratios = self.value[rows] / direction[rows]
-        rows = rows[ratios <= ratios.min() + TIE_TOLERANCE * max(1.0, float(np.abs(self.value).max()))]
+        zero = ZERO * float(np.abs(value).max())
+        longest = float(((value[rows] + zero) / direction[rows]).min())
+        rows = rows[value[rows] <= longest * direction[rows]]
+        self.idle = self.idle + 1 if float((value[rows] / direction[rows]).min()) <= zero else 0
+        share = LARGE_PIVOT if self.idle <= IDLE_PIVOTS * self.size else TINY_PIVOT
+        rows = rows[direction[rows] >= share * direction[rows].max()]
         artificial = np.flatnonzero(self.basis[rows] == 2 * self.size)
         if artificial.size:
             return int(rows[artificial[0]])
         best = int(rows[0])
         for row in rows[1:]:
             difference = self.inverse[row] / direction[row] - self.inverse[best] / direction[best]
-            decisive = np.flatnonzero(np.abs(difference) > TIE_TOLERANCE * max(1.0, float(np.abs(difference).max())))
+            decisive = np.flatnonzero(np.abs(difference) > TIE_TOLERANCE * np.abs(difference).max())
             if decisive.size and difference[decisive[0]] < 0.0:
                 best = int(row)
         return best
@@ -198,6 +225,7 @@ class _Pivots:
     def pivot(self, row: int, direction: Array) -> None:
         """Exchange the entering variable for the basic one of `row`; its complement enters next."""
         leaving = int(self.basis[row])
+        self.matrix[:, row] = self.column(self.entering)
         self.basis[row] = self.entering
         self.entering = (leaving + self.size) % (2 * self.size) if leaving < 2 * self.size else leaving
         self.count += 1
@@ -207,26 +235,23 @@ class _Pivots:
         pivot_row = self.inverse[row] / direction[row]
         self.inverse = la.blas.dger(-1.0, direction, pivot_row, a=self.inverse, overwrite_a=True)
         self.inverse[row] = pivot_row
-        if self.count % REFRESH == 0:
-            self.refresh()
 
     def refresh(self) -> None:
         """Invert the basis afresh. A basis is never singular, except by rounding: then the pivots go on as they are."""
+        self.fresh = self.count
         try:
-            self.inverse = np.asfortranarray(la.inv(self.matrix()))
+            self.inverse = np.asfortranarray(la.inv(self.matrix))
         except la.LinAlgError:
             return
         self.value = self.inverse @ self.lcp.q
-
-    def matrix(self) -> Array:
-        return np.column_stack([self.column(int(variable)) for variable in self.basis])
+        self.value += self.inverse @ (self.lcp.q - self.matrix @ self.value)
 
     def solution(self) -> Array:
         """Return z of the present basis, from a fresh factorisation with one step of refinement."""
         z = np.zeros(self.size)
         if self.size == 0:
             return z
-        matrix = self.matrix()
+        matrix = self.matrix
         with warnings.catch_warnings():
             # A zero pivot shows as a value that is not finite, which the caller reports.
             warnings.simplefilter("ignore", la.LinAlgWarning)
