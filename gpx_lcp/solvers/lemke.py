@@ -12,8 +12,8 @@ J.-S. Pang, R. E. Stone, *The Linear Complementarity Problem* (1992), algorithms
 Departures: (1) the inverse of the basis is kept instead of the tableau; each pivot column is refined once against the
 basis itself, and the inverse is worked out afresh when that finds it wrong; (2) rows tie when the step would leave
 them within rounding of zero, and the lexicographic order decides among those with a large pivot, unless it idles:
-redundant contacts tie by the dozen, and a pivot of rounding size would end in nonsense; (3) the last basis is factored once more
-and its solution refined, so that the answer carries no error of the pivots.
+redundant contacts tie by the dozen, and a pivot of rounding size would end in nonsense; (3) the last basis is factored
+once more and its solution refined, so that the answer carries no error of the pivots.
 """
 
 from __future__ import annotations
