@@ -49,7 +49,7 @@ def parser() -> argparse.ArgumentParser:
     )
     run.add_argument("--steps", type=_positive, metavar="N", help="warm steps after the cold first one (60; quick: 20)")
     run.add_argument(
-        "--time-limit", type=_seconds, metavar="S", help="per setting and scene, all repeats (0.8; quick: 0.3)"
+        "--time-limit", type=_seconds, metavar="S", help="per setting and scene, all repeats (0.6; quick: 0.3)"
     )
     run.add_argument(
         "--out", type=Path, default=Path("results"), metavar="DIR", help="results go to DIR/stacks (results)"
@@ -81,7 +81,7 @@ def main(arguments: Sequence[str] | None = None, console: Console | None = None)
         engines=_engines(asked.peer),
         repeats=asked.repeats or (2 if asked.quick else 5),
         steps=asked.steps or (20 if asked.quick else 60),
-        time_limit=asked.time_limit or (0.3 if asked.quick else 0.8),
+        time_limit=asked.time_limit or (0.3 if asked.quick else 0.6),
         quick=asked.quick,
         out=asked.out / stacks.NAME,
         picture=asked.picture,

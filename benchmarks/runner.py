@@ -45,7 +45,11 @@ class Plan:
 
 @dataclass
 class Trial:
-    """One simulation: the wall time of each step call, and the measures of the first step and of the last ones."""
+    """One simulation: the wall time of each step call, and the measures of the first step and of the last ones.
+
+    Only the first trial of an attempt is measured: the engines are deterministic, and reading contacts between timed
+    steps costs time and warms caches.
+    """
 
     seconds: list[float] = field(default_factory=list)
     facts: list[StepFacts] = field(default_factory=list)
@@ -104,30 +108,33 @@ def _try_once(attempt: Attempt, scene: gpx.Scene, bodies: Bodies, engine: Engine
     start = time.perf_counter()
     trial = Trial()
     try:
-        _simulate(trial, scene, bodies, engine, attempt.setting, plan, plan.time_limit - attempt.spent)
+        _simulate(trial, scene, bodies, engine, attempt, plan)
     except (gpx.SettingsError, gpx.BackendMissing) as error:
         attempt.status, attempt.message = "refused", str(error)
     except Exception as error:
         # One engine that breaks on one scene must not lose the others' results.
         attempt.status, attempt.message = "error", f"{type(error).__name__}: {error}"
-    if trial.cold is not None:
+    if trial.seconds:
         attempt.trials.append(trial)
     attempt.last = time.perf_counter() - start
     attempt.spent += attempt.last
 
 
-def _simulate(
-    trial: Trial, scene: gpx.Scene, bodies: Bodies, engine: Engine, setting: Setting, plan: Plan, limit: float
-) -> None:
+def _simulate(trial: Trial, scene: gpx.Scene, bodies: Bodies, engine: Engine, attempt: Attempt, plan: Plan) -> None:
     start = time.perf_counter()
+    limit = plan.time_limit - attempt.spent
+    measured = not attempt.trials
     settled_from = plan.steps - plan.steps // 4
-    with closing(engine.simulate(scene, plan.time_step, setting, plan.time_limit)) as simulation, _no_collection():
+    with (
+        closing(engine.simulate(scene, plan.time_step, attempt.setting, plan.time_limit)) as simulation,
+        _no_collection(),
+    ):
         for step in range(plan.steps + 1):
             late = time.perf_counter() - start > limit
             if late and step == 1:
                 break  # the cold step alone took all there was: no stepped case
             last = late or step == plan.steps
-            judged = step == 0 or step > settled_from or last
+            judged = measured and (step == 0 or step > settled_from or last)
             before = simulation.motion() if judged else None
             tick = time.perf_counter()
             simulation.step()
@@ -194,17 +201,16 @@ def _row(scene: str, bodies: Bodies, attempt: Attempt, engine: Engine, case: str
         measured_at=datetime.now(UTC).isoformat(timespec="seconds"),
     )
     part = slice(0, 1) if case == "cold" else slice(1, None)
-    judged = [t for t in attempt.trials if t.seconds[part] and (case == "cold" or t.settled)]
-    if not judged:
+    first = attempt.trials[0] if attempt.trials else Trial()
+    judgements = ([first.cold] if first.cold else []) if case == "cold" else first.settled
+    if not judgements:
         if attempt.trials and not attempt.status:
             return replace(row, status="time limit", message=f"the cold step alone took {plan.time_limit:g} s")
         return row
-    # The engines are deterministic, so the first trial's impulses stand for all; its step count is the largest, too.
-    first = judged[0]
-    assert first.cold is not None  # `_try_once` keeps no trial without its first step
-    worst = first.cold if case == "cold" else worst_of(first.settled)
+    worst = worst_of(judgements)
+    timed = [trial.seconds[part] for trial in attempt.trials if trial.seconds[part]]
     facts = first.facts[part]
-    middle, low, high = step_times([t.seconds[part] for t in judged])
+    middle, low, high = step_times(timed)
     steps = len(first.seconds[part])
     short = case == "stepped" and steps < plan.steps
     limit_note = f"time limit: {steps} of {plan.steps} steps" if short else ""
@@ -215,7 +221,7 @@ def _row(scene: str, bodies: Bodies, attempt: Attempt, engine: Engine, case: str
         method=facts[-1].method,
         fallbacks=" ".join(dict.fromkeys(name for fact in facts for name in fact.fallbacks)),
         contacts=first.contacts[0] if case == "cold" else first.contacts[-1],
-        repeats=len(judged),
+        repeats=len(timed),
         steps=steps,
         step_ms=1e3 * middle,
         step_ms_low=1e3 * low,
