@@ -97,7 +97,7 @@ def speed_accuracy(
     Parameters
     ----------
     rows : sequence of Row
-        Rows without a measured step, or of another case, are left out.
+        Rows without a measured step, of another case, or with fewer steps than the others are left out.
     case : str
         "cold" or "stepped": a key of `AXES`.
     titles : mapping
@@ -113,6 +113,9 @@ def speed_accuracy(
     """
     axis = AXES[case]
     drawn = [row for row in rows if row.case == case and row.measured]
+    # A stack that was followed for a few steps only has had no time to drift.
+    wanted = max((row.steps for row in drawn), default=0)
+    drawn = [row for row in drawn if row.steps == wanted]
     scenes = [scene for scene in titles if any(row.scene == scene for row in drawn)]
     if not scenes:
         return []

@@ -28,7 +28,7 @@ RATE_REPEATS = 7
 
 HEADINGS = {
     "cold": "Resting stacks, cold: the first step from touching rest",
-    "stepped": "Resting stacks, warm: the steps after the first",
+    "stepped": "Resting stacks, warm: the steps after the first, where time sufficed for all of them",
 }
 
 

@@ -82,7 +82,7 @@ class PyBullet:
     def settings(self, quick: bool) -> Sequence[Setting]:
         """Return sweeps of sequential impulse and of MLCP-PGS, Dantzig by regularisation, and pybullet as shipped."""
         sweeps = (50, 1000) if quick else (10, 50, 200, 1000, 3000)
-        regularisations = (1e-9,) if quick else (1e-6, 1e-9, 1e-12)
+        regularisations = (1e-9,) if quick else (1e-6, 1e-9, 1e-12, 1e-15)
         settings = [self._setting("SI", f"{count} sweeps", count, count, FAIR) for count in sweeps]
         # Dantzig pivots; its sweeps are those of the fallback.
         settings += [
