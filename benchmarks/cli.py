@@ -47,9 +47,9 @@ def parser() -> argparse.ArgumentParser:
     run.add_argument(
         "--repeats", type=_positive, metavar="N", help="fresh simulations per setting, interleaved (5; quick: 2)"
     )
-    run.add_argument("--steps", type=_positive, metavar="N", help="warm steps after the cold first one (60; quick: 20)")
+    run.add_argument("--steps", type=_positive, metavar="N", help="warm steps after the cold first one (30; quick: 20)")
     run.add_argument(
-        "--time-limit", type=_seconds, metavar="S", help="per setting and scene, all repeats (0.6; quick: 0.3)"
+        "--time-limit", type=_seconds, metavar="S", help="per setting and scene, all repeats (0.7; quick: 0.3)"
     )
     run.add_argument(
         "--out", type=Path, default=Path("results"), metavar="DIR", help="results go to DIR/stacks (results)"
@@ -80,8 +80,8 @@ def main(arguments: Sequence[str] | None = None, console: Console | None = None)
         formulations=_chosen(asked.formulation),
         engines=_engines(asked.peer),
         repeats=asked.repeats or (2 if asked.quick else 5),
-        steps=asked.steps or (20 if asked.quick else 60),
-        time_limit=asked.time_limit or (0.3 if asked.quick else 0.6),
+        steps=asked.steps or (20 if asked.quick else 30),
+        time_limit=asked.time_limit or (0.3 if asked.quick else 0.7),
         quick=asked.quick,
         out=asked.out / stacks.NAME,
         picture=asked.picture,
