@@ -226,5 +226,5 @@ def _save(figure: Figure, stem: Path) -> list[Path]:
     stem.parent.mkdir(parents=True, exist_ok=True)
     paths = [stem.with_suffix(".png"), stem.with_suffix(".svg")]
     FigureCanvasAgg(figure).print_figure(paths[0], dpi=150, bbox_inches="tight", pad_inches=0.15)
-    FigureCanvasSVG(figure).print_figure(paths[1], bbox_inches="tight", pad_inches=0.15, metadata={"Date": None})
+    FigureCanvasSVG(figure).print_figure(paths[1], bbox_inches="tight", pad_inches=0.15)
     return paths

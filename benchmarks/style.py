@@ -53,8 +53,6 @@ STYLE: Final[Mapping[str, Any]] = {
     "legend.fontsize": 12.5,
     "lines.linewidth": 1.8,
     "lines.markersize": 8.5,
-    # The same rows give the same file, byte for byte, so that a changed picture is a changed measurement.
-    "svg.hashsalt": "gpx-lcp",
     "svg.fonttype": "path",
 }
 
