@@ -56,3 +56,49 @@ def column():
         return StackedSystem.from_jacobian(jacobian, 1.0 / masses, -jacobian @ free, np.zeros(n), free_velocity=free)
 
     return make
+
+
+@pytest.fixture(scope="session")
+def bricks():
+    """Return a maker of walls of unit cubes, `courses` high and `columns` wide, all bonded, after one step of gravity.
+
+    Every cube meets the one below it, and its neighbour to the right, in four corner contacts: rank 6 of 12 rows.
+    """
+
+    def make(
+        courses: int, columns: int = 1, *, top: float = 1.0, friction: float = 0.5, speed: float = 0.0
+    ) -> StackedSystem:
+        frames = {"z": np.roll(np.eye(3), 1, axis=0), "x": np.eye(3)}
+        blocks: dict[tuple[int, int], np.ndarray] = {}
+        contact = 0
+
+        def touch(first: int | None, second: int, centre: np.ndarray, axis: str) -> None:
+            nonlocal contact
+            for corner in ((-0.5, -0.5), (-0.5, 0.5), (0.5, -0.5), (0.5, 0.5)):
+                point = centre + (np.array([0.0, *corner]) if axis == "x" else np.array([*corner, 0.0]))
+                for body, sign in ((first, -1.0), (second, 1.0)):
+                    if body is not None:
+                        arm = point - np.array([body % columns, 0.0, body // columns])
+                        blocks[contact, body] = sign * np.hstack((frames[axis], np.cross(arm, frames[axis])))
+                contact += 1
+
+        for body in range(courses * columns):
+            place = np.array([body % columns, 0.0, body // columns])
+            touch(body - columns if body >= columns else None, body, place - [0.0, 0.0, 0.5], "z")
+            if body % columns:
+                touch(body - 1, body, place - [0.5, 0.0, 0.0], "x")
+        bodies = courses * columns
+        jacobian = np.zeros((3 * contact, 6 * bodies))
+        for (row, body), block in blocks.items():
+            jacobian[3 * row : 3 * row + 3, 6 * body : 6 * body + 6] = block
+        mass = np.ones(bodies)
+        mass[-1] = top
+        inverse_mass = np.repeat(1.0 / mass, 6).reshape(bodies, 6) * np.array([1.0, 1.0, 1.0, 6.0, 6.0, 6.0])
+        free = speed * np.random.default_rng(7).normal(size=(bodies, 6))
+        free[:, 2] -= 9.81 / 240
+        free = free.reshape(-1)
+        return StackedSystem.from_jacobian(
+            jacobian, inverse_mass.reshape(-1), -jacobian @ free, np.full(contact, friction), free_velocity=free
+        )
+
+    return make

@@ -7,12 +7,12 @@ from functools import cache
 from typing import Final
 
 from formulations import FORMULATIONS
-from gpx_lcp.solvers import lemke, pgs, quadratic
+from gpx_lcp.solvers import interior_point, lemke, newton, pgs, quadratic
 from gpx_lcp.solvers._interface import Outcome, Request, Solver
 
 __all__ = ["Outcome", "Request", "Solver", "SolverTable", "solvers"]
 
-NATIVE: Final = (lemke.SOLVER, pgs.SOLVER)
+NATIVE: Final = (lemke.SOLVER, interior_point.SOLVER, newton.SOLVER, pgs.SOLVER)
 
 
 class SolverTable(Mapping[str, Solver]):

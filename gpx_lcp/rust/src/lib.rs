@@ -12,6 +12,7 @@ pub mod bodies;
 pub mod collision;
 pub mod contact;
 pub mod delassus;
+pub mod exact;
 pub mod friction_cone;
 pub mod gauss_seidel;
 pub mod integration;

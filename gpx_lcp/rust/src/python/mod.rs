@@ -1,5 +1,6 @@
 //! The border to Python: converts arrays, releases the interpreter lock, turns errors into Python's exceptions.
 
+mod exact;
 mod gauss_seidel;
 mod scene;
 
@@ -9,6 +10,8 @@ use pyo3::prelude::*;
 mod _core {
     use pyo3::prelude::*;
 
+    #[pymodule_export]
+    use super::exact::{ExactReport, exact};
     #[pymodule_export]
     use super::gauss_seidel::gauss_seidel;
     #[pymodule_export]

@@ -1,0 +1,246 @@
+//! Sparse matrices of small dense blocks, one row of blocks per contact, and products with them.
+
+/// What is wrong with the arrays that describe a matrix.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum ShapeError {
+    #[error("{name} has length {found}: {needed} is needed")]
+    Length {
+        name: &'static str,
+        found: usize,
+        needed: usize,
+    },
+    #[error("{name}[{index}] is {found}: it must be below {limit}")]
+    Index {
+        name: &'static str,
+        index: usize,
+        found: usize,
+        limit: usize,
+    },
+    #[error(
+        "starts[{index}] is {found}: starts must not fall and must end at the number of blocks"
+    )]
+    Starts { index: usize, found: usize },
+}
+
+/// Blocks of `height` × `width` in CSR order; `values` holds them one after another, each row-major.
+#[derive(Debug, Clone)]
+pub struct BlockMatrix {
+    pub starts: Vec<usize>,
+    pub columns: Vec<u32>,
+    pub values: Vec<f64>,
+    pub height: usize,
+    pub width: usize,
+    pub block_columns: usize,
+}
+
+impl BlockMatrix {
+    /// Checks the arrays and makes the matrix.
+    pub fn new(
+        starts: Vec<usize>,
+        columns: Vec<u32>,
+        values: Vec<f64>,
+        (height, width): (usize, usize),
+        block_columns: usize,
+    ) -> Result<Self, ShapeError> {
+        if starts.first() != Some(&0) {
+            return Err(ShapeError::Starts {
+                index: 0,
+                found: starts.first().copied().unwrap_or(0),
+            });
+        }
+        for (index, pair) in starts.windows(2).enumerate() {
+            if pair[0] > pair[1] {
+                return Err(ShapeError::Starts {
+                    index: index + 1,
+                    found: pair[1],
+                });
+            }
+        }
+        let last = starts.len() - 1;
+        if starts[last] != columns.len() {
+            return Err(ShapeError::Starts {
+                index: last,
+                found: starts[last],
+            });
+        }
+        let needed = columns.len() * height * width;
+        if values.len() != needed {
+            return Err(ShapeError::Length {
+                name: "values",
+                found: values.len(),
+                needed,
+            });
+        }
+        for (index, &column) in columns.iter().enumerate() {
+            if column as usize >= block_columns {
+                let found = column as usize;
+                return Err(ShapeError::Index {
+                    name: "columns",
+                    index,
+                    found,
+                    limit: block_columns,
+                });
+            }
+        }
+        Ok(Self {
+            starts,
+            columns,
+            values,
+            height,
+            width,
+            block_columns,
+        })
+    }
+
+    fn empty(height: usize, width: usize, block_columns: usize) -> Self {
+        Self {
+            starts: vec![0],
+            columns: Vec::new(),
+            values: Vec::new(),
+            height,
+            width,
+            block_columns,
+        }
+    }
+
+    pub fn block_rows(&self) -> usize {
+        self.starts.len() - 1
+    }
+
+    /// The blocks of one row: (column, values).
+    pub fn row(&self, row: usize) -> impl Iterator<Item = (usize, &[f64])> {
+        let range = self.starts[row]..self.starts[row + 1];
+        let area = self.height * self.width;
+        let values = self.values[range.start * area..range.end * area].chunks_exact(area);
+        self.columns[range]
+            .iter()
+            .map(|&column| column as usize)
+            .zip(values)
+    }
+
+    /// The same square matrix with the pattern made symmetric and every diagonal block present; columns ascend.
+    pub fn with_symmetric_pattern(self) -> Self {
+        let count = self.block_rows();
+        let mut rows: Vec<Vec<u32>> = (0..count).map(|i| vec![i as u32]).collect();
+        for i in 0..count {
+            for &j in &self.columns[self.starts[i]..self.starts[i + 1]] {
+                rows[i].push(j);
+                rows[j as usize].push(i as u32);
+            }
+        }
+        let area = self.height * self.width;
+        let mut result = Self::empty(self.height, self.width, self.block_columns);
+        for (i, mut row) in rows.into_iter().enumerate() {
+            row.sort_unstable();
+            row.dedup();
+            let begin = result.columns.len();
+            result.values.resize((begin + row.len()) * area, 0.0);
+            for (j, block) in self.row(i) {
+                let at = begin
+                    + row
+                        .binary_search(&(j as u32))
+                        .expect("the union holds every block");
+                for (sum, value) in result.values[at * area..][..area].iter_mut().zip(block) {
+                    *sum += value;
+                }
+            }
+            result.columns.extend(row);
+            result.starts.push(result.columns.len());
+        }
+        result
+    }
+
+    /// y = H x for x with `width` scalars per block column; y has three per block row, the missing ones zero.
+    pub fn times(&self, x: &[f64], y: &mut [[f64; 3]]) {
+        match (self.height, self.width) {
+            (3, 3) => self.times_sized::<3, 3>(x, y),
+            (3, 6) => self.times_sized::<3, 6>(x, y),
+            (2, 2) => self.times_sized::<2, 2>(x, y),
+            (2, 3) => self.times_sized::<2, 3>(x, y),
+            _ => {
+                for (i, out) in y.iter_mut().enumerate() {
+                    *out = [0.0; 3];
+                    for (j, block) in self.row(i) {
+                        for (value, line) in out.iter_mut().zip(block.chunks_exact(self.width)) {
+                            *value += line
+                                .iter()
+                                .zip(&x[j * self.width..])
+                                .map(|(a, b)| a * b)
+                                .sum::<f64>();
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    fn times_sized<const R: usize, const D: usize>(&self, x: &[f64], y: &mut [[f64; 3]]) {
+        for (i, out) in y.iter_mut().enumerate() {
+            *out = [0.0; 3];
+            for (j, block) in self.row(i) {
+                let part: &[f64; D] = x[j * D..][..D].try_into().expect("a whole block");
+                for r in 0..R {
+                    let line: &[f64; D] = block[r * D..][..D].try_into().expect("a whole line");
+                    out[r] += (0..D).map(|d| line[d] * part[d]).sum::<f64>();
+                }
+            }
+        }
+    }
+
+    /// x = Hᵀ y.
+    pub fn transpose_times(&self, y: &[[f64; 3]], x: &mut [f64]) {
+        x.fill(0.0);
+        for (i, values) in y.iter().enumerate() {
+            for (j, block) in self.row(i) {
+                for (value, line) in values.iter().zip(block.chunks_exact(self.width)) {
+                    for (sum, entry) in x[j * self.width..].iter_mut().zip(line) {
+                        *sum += value * entry;
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bad_index_names_itself() {
+        let error = BlockMatrix::new(vec![0, 1], vec![4], vec![0.0; 9], (3, 3), 2).unwrap_err();
+        assert_eq!(error.to_string(), "columns[0] is 4: it must be below 2");
+        let error = BlockMatrix::new(vec![0, 1], vec![1], vec![0.0; 8], (3, 3), 2).unwrap_err();
+        assert_eq!(error.to_string(), "values has length 8: 9 is needed");
+        let error = BlockMatrix::new(vec![0, 2], vec![1], vec![0.0; 9], (3, 3), 2).unwrap_err();
+        assert!(error.to_string().contains("starts[1] is 2"));
+    }
+
+    #[test]
+    fn symmetric_pattern_keeps_the_values() {
+        let matrix = BlockMatrix::new(vec![0, 1, 1], vec![1], vec![2.0], (1, 1), 2)
+            .unwrap()
+            .with_symmetric_pattern();
+        assert_eq!(matrix.columns, [0, 1, 0, 1]);
+        assert_eq!(matrix.values, [0.0, 2.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn products_agree_with_each_other() {
+        let values: Vec<f64> = (0..36).map(|k| f64::from(k % 7) - 3.0).collect();
+        let matrix = BlockMatrix::new(vec![0, 1, 2], vec![1, 0], values, (3, 6), 2).unwrap();
+        let x: Vec<f64> = (0..12).map(f64::from).collect();
+        let y = [[1.0, -2.0, 0.5], [0.0, 3.0, 1.0]];
+        let (mut forward, mut back) = ([[0.0; 3]; 2], vec![0.0; 12]);
+        matrix.times(&x, &mut forward);
+        matrix.transpose_times(&y, &mut back);
+        let left: f64 = forward
+            .iter()
+            .flatten()
+            .zip(y.iter().flatten())
+            .map(|(a, b)| a * b)
+            .sum();
+        let right: f64 = back.iter().zip(&x).map(|(a, b)| a * b).sum();
+        assert!((left - right).abs() < 1e-12);
+    }
+}

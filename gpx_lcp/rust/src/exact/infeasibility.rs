@@ -1,0 +1,36 @@
+//! Proof that a problem has no solution, where its contacts are driven into each other.
+//!
+//! An impulse y ≠ 0 of the cone that moves nothing, A y = 0, with Bᵀ y > 0 proves that no impulses p give velocities
+//! u = A p − B in K*: they would need 0 ≤ yᵀ u = (A y)ᵀ p − Bᵀ y = −Bᵀ y. Under the convex law y may be any impulse of
+//! the cone; under Coulomb's, whose û has more normal velocity than u, y must be frictionless, and then 0 ≤ yᵀ u is
+//! what u_n ≥ 0 alone demands.
+//!
+//! Such y is where the proximal point method goes on an infeasible convex problem: its steps p_{k+1} − p_k tend to a
+//! multiple of it (R. E. Bruck, S. Reich, *Nonexpansive projections and resolvents of accretive operators in Banach
+//! spaces*, Houston J. Math. 3 (1977)). With a large trust the first step is already there, to rounding.
+
+use super::newton_system::NewtonSystem;
+use super::problem::Problem;
+use super::proximal_newton::single_step;
+use super::small::{Vector, dot, norm};
+
+const TRUST: f64 = 1e8;
+/// Impulses up to that size, where velocities are of size one, are ruled out by an accepted proof.
+const REACH: f64 = 1e5;
+
+/// Looks for y, up to a factor; the law of `problem` must not be Coulomb's.
+pub fn certificate(problem: &Problem) -> Option<Vec<Vector>> {
+    let mut ray = single_step(problem, &mut NewtonSystem::new(&problem.operator), TRUST);
+    let size = ray
+        .iter()
+        .flatten()
+        .fold(0.0_f64, |most, value| most.max(value.abs()));
+    if size == 0.0 || !size.is_finite() {
+        return None;
+    }
+    ray.iter_mut().flatten().for_each(|value| *value /= size);
+    let mut moved = vec![[0.0; 3]; ray.len()];
+    problem.operator.apply(&ray, &mut moved, &mut Vec::new());
+    let gain: f64 = ray.iter().zip(&problem.b).map(|(y, b)| dot(y, b)).sum();
+    (gain > REACH * norm(&moved) && gain > 1e-6 * problem.b_norm()).then_some(ray)
+}

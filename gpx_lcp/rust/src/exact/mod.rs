@@ -1,0 +1,20 @@
+//! Exact solvers: second-order methods for the frictionless, the convex and the exact Coulomb law.
+//!
+//! `interior_point`, `proximal_newton` and a few `sweeps` are the methods; `strategy` runs them one after another. Everything below
+//! them is shared: the problem without units, the cones, the Newton systems and their sparse factorisation.
+
+mod block_matrix;
+mod cones;
+mod infeasibility;
+mod interior_point;
+mod linear;
+mod newton_system;
+mod problem;
+mod proximal_newton;
+mod small;
+mod strategy;
+mod sweeps;
+
+pub use block_matrix::{BlockMatrix, ShapeError};
+pub use problem::{Form, Law, Limits, Problem};
+pub use strategy::{Method, Report, Status, solve};
