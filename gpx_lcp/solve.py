@@ -18,11 +18,11 @@ from gpx_lcp.solvers import Outcome, Request, Solver, solvers
 
 # What runs where only a formulation is named.
 PREFERRED: Final[Mapping[str, str]] = {
-    "normal": "lemke",
+    "normal": "interior_point",
     "box": "pgs",
     "pyramid": "pgs",
-    "cone": "clarabel",
-    "coulomb": "pgs",
+    "cone": "interior_point",
+    "coulomb": "newton",
 }
 
 

@@ -132,7 +132,7 @@ class World:
         scene: Scene,
         time_step: float,
         *,
-        solver: str = "pgs",
+        solver: str = "newton",
         formulation: str | None = None,
         iterations: int | None = None,
         tolerance: float = 1e-8,

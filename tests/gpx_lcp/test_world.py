@@ -354,7 +354,7 @@ def test_no_gravity_means_no_motion():
         (dict(iterations=-1), "max_iterations is -1"),
         (dict(warm_start="yes"), "warm_start is 'yes': it must be True or False"),
         (dict(speed=3), "speed"),
-        (dict(relaxation=3.0), "relaxation is 3"),
+        (dict(solver="pgs", relaxation=3.0), "relaxation is 3"),
     ],
 )
 def test_a_wrong_setting_is_refused_before_the_first_step(change, message):
