@@ -92,7 +92,7 @@ def certify(system: StackedSystem, impulse: npt.ArrayLike) -> Certificate:
     u = system.velocity(p)
     corrected = de_saxce(u, system.friction)
     d, mu = system.scale, system.friction
-    scale, largest = float(np.linalg.norm(system.B)), float(np.abs(system.B).max())
+    scale, largest = system.size, float(np.abs(system.B).max())
     share = natural_map_vectors(p, corrected, mu, d)
     p_t, u_t = np.linalg.norm(p[:, 1:], axis=1), np.linalg.norm(u[:, 1:], axis=1)
     p_size, corrected_size = np.linalg.norm(p, axis=1), np.linalg.norm(corrected, axis=1)
@@ -121,7 +121,7 @@ def natural_map_vectors(impulse: Array, velocity: Array, friction: Array, scale:
 
 def relative_norm(system: StackedSystem, vectors: Array) -> float:
     """Return ‖vectors‖ / ‖B‖: the norm in which every program's residual is stated."""
-    return _relative(float(np.linalg.norm(vectors)), float(np.linalg.norm(system.B)))
+    return _relative(float(np.linalg.norm(vectors)), system.size)
 
 
 def _relative(value: float, scale: float) -> float:

@@ -33,10 +33,12 @@ def project_friction_cone(x: Array, friction: Array) -> Array:
     normal, tangent = x[:, 0], x[:, 1:]
     length = _lengths(tangent)
     inside = (length <= friction * normal) & (normal >= 0.0)
-    on_ray = ~inside & (friction * length > -normal)
-    ray = np.where(on_ray, (normal + friction * length) / (1.0 + friction**2), 0.0)
+    ray = np.maximum(normal + friction * length, 0.0) / (1.0 + friction * friction)
     shrink = np.where(inside, 1.0, friction * ray / np.where(length > 0.0, length, 1.0))
-    return np.column_stack((np.where(inside, normal, ray), shrink[:, None] * tangent))
+    projected = np.empty_like(x)
+    projected[:, 0] = np.where(inside, normal, ray)
+    np.multiply(tangent, shrink[:, None], out=projected[:, 1:])
+    return projected
 
 
 def project_dual_cone(x: Array, friction: Array) -> Array:

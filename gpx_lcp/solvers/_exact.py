@@ -6,9 +6,7 @@ from time import perf_counter
 from typing import Any, Final
 
 import numpy as np
-import scipy.sparse as sp
 
-from formulations import StackedSystem
 from gpx_lcp import _core
 from gpx_lcp.solution import Status
 from gpx_lcp.solvers._interface import Outcome, Request
@@ -31,8 +29,14 @@ def run_exact(request: Request, method: str) -> Outcome:
     """
     began = perf_counter()
     system = request.system
+    matrix = system.block_rows
     problem = {
-        **_blocks(system),
+        "indptr": matrix.indptr,
+        "indices": matrix.indices,
+        "data": matrix.data,
+        "block_columns": matrix.width,
+        "columns": matrix.columns,
+        "factored": matrix.factored,
         "rows": system.rows,
         "target": system.B,
         "friction": system.friction,
@@ -63,27 +67,3 @@ def run_exact(request: Request, method: str) -> Outcome:
         fallbacks=tuple(report.fallbacks),
         extras=extras,
     )
-
-
-def _blocks(system: StackedSystem) -> dict[str, Any]:
-    """Return the blocks of Ĵ, or of A, as the core reads them."""
-    rows, contacts = system.rows, system.contacts
-    factor = system.whitened_jacobian
-    indptr: Any
-    indices: Any
-    if factor is None and isinstance(system.A, np.ndarray):
-        blocks = system.A.reshape(contacts, rows, contacts, rows).transpose(0, 2, 1, 3)
-        filled = blocks.any(axis=(2, 3))
-        indptr = np.concatenate(([0], np.cumsum(filled.sum(axis=1))))
-        indices, data = np.nonzero(filled)[1], blocks[filled]
-    else:
-        matrix = sp.bsr_array(system.A, blocksize=(rows, rows)) if factor is None else factor
-        indptr, indices, data = matrix.indptr, matrix.indices, matrix.data
-    return {
-        "indptr": np.ascontiguousarray(indptr, dtype=np.int64),
-        "indices": np.ascontiguousarray(indices, dtype=np.int64),
-        "data": np.ascontiguousarray(data).reshape(-1),
-        "block_columns": data.shape[2],
-        "columns": contacts if factor is None else factor.shape[1] // data.shape[2],
-        "factored": factor is not None,
-    }

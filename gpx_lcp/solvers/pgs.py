@@ -25,13 +25,13 @@ from time import perf_counter
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse as sp
 
 from formulations import FORMULATIONS, StackedSystem
 from formulations.checks import Array
 from formulations.cones import box_directions, pyramid_directions
 from formulations.normal import normal_matrix
+from formulations.system import BlockRows
 from gpx_lcp import _core
 from gpx_lcp.errors import SettingsError
 from gpx_lcp.solution import Status
@@ -120,35 +120,36 @@ def _law(formulation: str, rows: int, facets: int) -> tuple[str, Array]:
 
 
 def _block_rows(system: StackedSystem, rows: int) -> dict[str, Any]:
-    """Return Ĵ, or A where the system carries A alone, in block rows of the wanted number of rows."""
-    blocks: sp.bsr_array
-    if system.whitened_jacobian is not None:
-        blocks = system.whitened_jacobian
-        if blocks.data.shape[2] not in BODY_SIZES:
-            blocks = sp.bsr_array(blocks, blocksize=(system.rows, 1))
-            blocks.eliminate_zeros()
-        data = blocks.data[:, :rows, :]
-    else:
-        matrix = normal_matrix(system) if rows < system.rows else system.A
-        blocks = sp.bsr_array(matrix, blocksize=(rows, rows))
-        data = blocks.data
+    """Return the system's block rows as the kernels take them: fewer rows a contact, bodies of a size that has one."""
+    blocks = system.block_rows
+    if rows < system.rows and not blocks.factored:
+        blocks = StackedSystem(normal_matrix(system), system.B[:: system.rows], system.friction).block_rows
+    data = blocks.data
+    if blocks.factored:
+        if blocks.width not in BODY_SIZES:
+            blocks = _single_columns(system)
+        data = blocks.data.reshape(-1, system.rows, blocks.width)[:, :rows, :]
     return {
-        "indptr": _integers(blocks.indptr),
-        "indices": _integers(blocks.indices),
+        "indptr": blocks.indptr,
+        "indices": blocks.indices,
         "data": np.ascontiguousarray(data).reshape(-1),
-        "columns": blocks.shape[1] // data.shape[2],
-        "block_columns": data.shape[2],
-        "factored": system.whitened_jacobian is not None,
+        "columns": blocks.columns,
+        "block_columns": blocks.width,
+        "factored": blocks.factored,
     }
+
+
+def _single_columns(system: StackedSystem) -> BlockRows:
+    """Return Ĵ as if every velocity were a body of its own."""
+    factor = sp.bsr_array(system.whitened_jacobian, blocksize=(system.rows, 1))
+    factor.eliminate_zeros()
+    indptr, indices = factor.indptr.astype(np.int64), factor.indices.astype(np.int64)
+    return BlockRows(indptr, indices, factor.data.reshape(-1), 1, factor.shape[1], factored=True)
 
 
 def _column(flat: Array, rows: int, wanted: int) -> Array:
     """Return the first `wanted` entries of each contact, stacked."""
     return np.ascontiguousarray(flat.reshape(-1, rows)[:, :wanted]).reshape(-1)
-
-
-def _integers(values: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
-    return np.ascontiguousarray(values, dtype=np.int64)
 
 
 SOLVER: Final = Solver(
