@@ -37,6 +37,38 @@ pub struct Start {
     pub smoothing: f64,
 }
 
+/// The size of impulses p, the root mean square of √d p, where velocities are of size one.
+pub fn impulse_size(problem: &Problem, p: &[Vector]) -> f64 {
+    let squares = p.iter().zip(&problem.weight).map(|(p, d)| d * dot(p, p));
+    (squares.sum::<f64>() / problem.contacts().max(1) as f64).sqrt()
+}
+
+/// Impulses that stop every contact, (A + d/100) p = B: not a solution, but in stacks of its size.
+pub fn stopping_impulses(problem: &Problem, system: &mut NewtonSystem) -> Vec<Vector> {
+    const TRUST: f64 = 100.0;
+    let active = |i: usize, k: usize| k == 0 || problem.friction[i] > 0.0;
+    let blocks: Vec<Matrix> = (0..problem.contacts())
+        .map(|i| {
+            let mut block = [ZERO; 3];
+            for (k, line) in block.iter_mut().enumerate() {
+                if problem.weight[i] > 0.0 && active(i, k) {
+                    line[k] = TRUST / problem.weight[i];
+                }
+            }
+            block
+        })
+        .collect();
+    system.factor(&blocks, &problem.weight);
+    let right: Vec<Vector> = blocks
+        .iter()
+        .zip(&problem.b)
+        .map(|(e, b)| times(e, b))
+        .collect();
+    let mut impulses = vec![ZERO; right.len()];
+    system.solve(&right, &mut impulses);
+    impulses
+}
+
 /// Runs from the middle of the cones; returns the number of Newton steps. The best impulses go to `best`.
 pub fn interior_point(
     problem: &Problem,

@@ -17,7 +17,7 @@
 use super::cones::project;
 use super::newton_system::NewtonSystem;
 use super::problem::{Best, Limits, Problem};
-use super::small::{IDENTITY, Matrix, Vector, ZERO, dot, norm, product, tangent_norm};
+use super::small::{IDENTITY, Matrix, Vector, ZERO, dot, product, tangent_norm};
 
 /// The trust with which to start at rest, and near a solution.
 pub const COLD_TRUST: f64 = 1.0;
@@ -241,14 +241,4 @@ fn solve_inner(
         converged: true,
         steps,
     }
-}
-
-/// ‖p‖ in the coordinates of the interior point's start: how large the impulses are where velocities are of size one.
-pub fn impulse_size(problem: &Problem, p: &[Vector]) -> f64 {
-    let scaled: Vec<Vector> = p
-        .iter()
-        .zip(&problem.weight)
-        .map(|(p, d)| p.map(|value| value * d.sqrt()))
-        .collect();
-    norm(&scaled) / (problem.contacts().max(1) as f64).sqrt()
 }

@@ -6,10 +6,10 @@
 //! smoothing of ‖u_t‖ bends the path, which helps where all that fails.
 
 use super::infeasibility::certificate;
-use super::interior_point::{Start, interior_point};
+use super::interior_point::{Start, impulse_size, interior_point, stopping_impulses};
 use super::newton_system::NewtonSystem;
 use super::problem::{Best, Limits, Problem};
-use super::proximal_newton::{COLD_TRUST, Effort, WARM_TRUST, impulse_size, proximal_newton};
+use super::proximal_newton::{COLD_TRUST, Effort, WARM_TRUST, proximal_newton};
 use super::small::Vector;
 use super::sweeps::gauss_seidel;
 
@@ -186,7 +186,7 @@ impl<'a> Run<'a> {
                 proximal_newton(problem, system, limits, &here, effort, found)
             }
             Stage::Path(smoothing) => {
-                let size = impulse_size(problem, &here).max(3.0);
+                let size = impulse_size(problem, &stopping_impulses(problem, system)).max(3.0);
                 interior_point(
                     problem,
                     system,
@@ -221,11 +221,92 @@ impl Method {
 }
 
 impl Stage {
+    /// As it appears among the fallbacks.
     fn name(self) -> &'static str {
         match self {
             Self::Sweeps(_) => "gauss_seidel",
             Self::Probe | Self::Proximal(_) => "proximal_newton",
             Self::Path(_) => "interior_point",
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{BlockMatrix, Form, Law};
+    use super::*;
+
+    fn point_on_plane(b: [f64; 3], law: Law) -> Problem {
+        let values = vec![1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+        let matrix = BlockMatrix::new(vec![0, 1], vec![0], values, (3, 3), 1).unwrap();
+        Problem::new(matrix, &Form::Velocity, &b, &[0.5], law).unwrap()
+    }
+
+    /// n equal masses on one axis, as Ĵ; B is the closing velocity of the lowest.
+    fn column(n: usize) -> Problem {
+        let mut starts = vec![0];
+        let (mut columns, mut values) = (Vec::new(), Vec::new());
+        for i in 0..n {
+            if i > 0 {
+                columns.push(i as u32 - 1);
+                values.push(-1.0);
+            }
+            columns.push(i as u32);
+            values.push(1.0);
+            starts.push(columns.len());
+        }
+        let matrix = BlockMatrix::new(starts, columns, values, (1, 1), n).unwrap();
+        let mut b = vec![0.0; n];
+        b[0] = 1.0;
+        Problem::new(matrix, &Form::Velocity, &b, &vec![0.0; n], Law::Normal).unwrap()
+    }
+
+    const METHODS: [Method; 2] = [Method::InteriorPoint, Method::ProximalNewton];
+
+    #[test]
+    fn a_sliding_point_is_braked_by_friction_times_load() {
+        for method in METHODS {
+            // B = −(v_free): falling at 1, sliding at (3, 4).
+            let problem = point_on_plane([1.0, -3.0, -4.0], Law::Coulomb);
+            let report = solve(&problem, method, &Limits::new(1e-12, 100, None), None);
+            assert_eq!(report.status, Status::Solved);
+            for (value, exact) in report.impulse.iter().zip([1.0, -0.3, -0.4]) {
+                assert!((value - exact).abs() < 1e-10, "{method:?} {value}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_convex_law_opens_the_sliding_contact() {
+        for method in METHODS {
+            let problem = point_on_plane([1.0, -3.0, -4.0], Law::Cone);
+            let report = solve(&problem, method, &Limits::new(1e-12, 100, None), None);
+            assert!(
+                (report.impulse[0] - (1.0 + 0.5 * 5.0) / 1.25).abs() < 1e-10,
+                "{method:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_column_of_any_height_takes_few_steps() {
+        for method in METHODS {
+            for n in [10, 100, 1000] {
+                let report = solve(&column(n), method, &Limits::new(1e-9, 60, None), None);
+                assert_eq!(report.status, Status::Solved, "{method:?} {n}");
+                assert!((report.impulse[0] - n as f64).abs() < 1e-4 * n as f64);
+            }
+        }
+    }
+
+    #[test]
+    fn a_column_of_a_thousand_masses_has_a_short_factor() {
+        let report = solve(
+            &column(1000),
+            Method::ProximalNewton,
+            &Limits::new(1e-9, 60, None),
+            None,
+        );
+        assert!(report.fill < 50_000, "{}", report.fill);
     }
 }
