@@ -44,22 +44,37 @@ pub struct Problem {
 }
 
 /// When to stop.
-#[derive(Debug, Clone, Copy)]
-pub struct Limits {
+#[derive(Clone, Copy)]
+pub struct Limits<'a> {
     pub tolerance: f64,
     pub iterations: usize,
-    pub deadline: Option<Instant>,
+    deadline: Option<Instant>,
+    /// Asked before every Newton step.
+    interrupted: &'a (dyn Fn() -> bool + Sync),
 }
 
-impl Limits {
-    pub fn new(tolerance: f64, iterations: usize, seconds: Option<f64>) -> Self {
-        let deadline = seconds
-            .and_then(|s| Duration::try_from_secs_f64(s).ok())
-            .map(|limit| Instant::now() + limit);
+impl<'a> Limits<'a> {
+    pub fn new(
+        tolerance: f64,
+        iterations: usize,
+        seconds: Option<f64>,
+        interrupted: &'a (dyn Fn() -> bool + Sync),
+    ) -> Self {
+        // Longer than a Duration can be is no limit.
+        let limit = seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
         Self {
             tolerance,
             iterations,
-            deadline,
+            deadline: limit.and_then(|limit| Instant::now().checked_add(limit)),
+            interrupted,
+        }
+    }
+
+    /// What is left after so many Newton steps.
+    pub fn after(&self, steps: usize) -> Self {
+        Self {
+            iterations: self.iterations.saturating_sub(steps),
+            ..*self
         }
     }
 
@@ -69,9 +84,15 @@ impl Limits {
             .map(|deadline| deadline.saturating_duration_since(Instant::now()))
     }
 
+    /// Whether time is up, or the caller wants to stop.
     pub fn expired(&self) -> bool {
         self.deadline
             .is_some_and(|deadline| Instant::now() >= deadline)
+            || (self.interrupted)()
+    }
+
+    pub fn interrupted(&self) -> bool {
+        (self.interrupted)()
     }
 }
 

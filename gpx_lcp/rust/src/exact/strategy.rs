@@ -104,10 +104,7 @@ pub fn solve(problem: &Problem, method: Method, limits: &Limits, start: Option<&
             continue;
         }
         let mut found = Best::new(problem);
-        let rest = Limits {
-            iterations: limits.iterations - steps,
-            ..*limits
-        };
+        let rest = limits.after(steps);
         let taken = run.stage(stage, &rest, &mut found);
         if stage.name() != method.name()
             || index > 0 && !matches!(stages[index - 1], Stage::Sweeps(_))
@@ -261,6 +258,10 @@ mod tests {
         Problem::new(matrix, &Form::Velocity, &b, &vec![0.0; n], Law::Normal).unwrap()
     }
 
+    fn limits(tolerance: f64, iterations: usize) -> Limits<'static> {
+        Limits::new(tolerance, iterations, None, &|| false)
+    }
+
     const METHODS: [Method; 2] = [Method::InteriorPoint, Method::ProximalNewton];
 
     #[test]
@@ -268,7 +269,7 @@ mod tests {
         for method in METHODS {
             // B = −(v_free): falling at 1, sliding at (3, 4).
             let problem = point_on_plane([1.0, -3.0, -4.0], Law::Coulomb);
-            let report = solve(&problem, method, &Limits::new(1e-12, 100, None), None);
+            let report = solve(&problem, method, &limits(1e-12, 100), None);
             assert_eq!(report.status, Status::Solved);
             for (value, exact) in report.impulse.iter().zip([1.0, -0.3, -0.4]) {
                 assert!((value - exact).abs() < 1e-10, "{method:?} {value}");
@@ -280,7 +281,7 @@ mod tests {
     fn the_convex_law_opens_the_sliding_contact() {
         for method in METHODS {
             let problem = point_on_plane([1.0, -3.0, -4.0], Law::Cone);
-            let report = solve(&problem, method, &Limits::new(1e-12, 100, None), None);
+            let report = solve(&problem, method, &limits(1e-12, 100), None);
             assert!(
                 (report.impulse[0] - (1.0 + 0.5 * 5.0) / 1.25).abs() < 1e-10,
                 "{method:?}"
@@ -292,7 +293,7 @@ mod tests {
     fn a_column_of_any_height_takes_few_steps() {
         for method in METHODS {
             for n in [10, 100, 1000] {
-                let report = solve(&column(n), method, &Limits::new(1e-9, 60, None), None);
+                let report = solve(&column(n), method, &limits(1e-9, 60), None);
                 assert_eq!(report.status, Status::Solved, "{method:?} {n}");
                 assert!((report.impulse[0] - n as f64).abs() < 1e-4 * n as f64);
             }
@@ -304,7 +305,7 @@ mod tests {
         let report = solve(
             &column(1000),
             Method::ProximalNewton,
-            &Limits::new(1e-9, 60, None),
+            &limits(1e-9, 60),
             None,
         );
         assert!(report.fill < 50_000, "{}", report.fill);

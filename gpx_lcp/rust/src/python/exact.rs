@@ -1,5 +1,6 @@
 //! Python's way to the exact solvers: the interior point and the proximal Newton method.
 
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1};
@@ -108,6 +109,14 @@ pub fn exact(py: Python<'_>, problem: Asked<'_>, settings: Wanted) -> PyResult<E
     if let Some(start) = start {
         same_length("start", start.len(), target.len())?;
     }
+    let signal = Mutex::new(None);
+    let interrupted = || {
+        let mut signal = signal.lock().unwrap_or_else(PoisonError::into_inner);
+        if signal.is_none() {
+            *signal = Python::attach(|py| py.check_signals()).err();
+        }
+        signal.is_some()
+    };
     let (report, solve_seconds) = py.detach(|| -> Result<_, ShapeError> {
         let problem = Problem::new(matrix, &form, target, friction, law)?;
         let began = Instant::now();
@@ -115,10 +124,14 @@ pub fn exact(py: Python<'_>, problem: Asked<'_>, settings: Wanted) -> PyResult<E
             settings.tolerance,
             settings.max_iterations,
             settings.time_limit,
+            &interrupted,
         );
         let report = solve(&problem, method, &limits, start);
         Ok((report, began.elapsed()))
     })?;
+    if let Some(signal) = signal.into_inner().unwrap_or_else(PoisonError::into_inner) {
+        return Err(signal);
+    }
     Ok(answer(py, report, solve_seconds.as_secs_f64()))
 }
 
