@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+import scipy.linalg
 import scipy.sparse as sp
 
 from formulations import ProblemError, StackedSystem
@@ -32,7 +33,7 @@ def test_inverse_mass_may_be_a_diagonal_blocks_or_a_matrix():
     jacobian = np.hstack([np.eye(3), -np.eye(3)])
     block = np.array([[2.0, 1.0, 0.5], [1.0, 2.0, 0.0], [0.5, 0.0, 1.0]])
     blocks = np.stack([block, np.eye(3)])
-    matrix = sp.block_diag(blocks)
+    matrix = sp.coo_array(scipy.linalg.block_diag(*blocks))
     systems = [StackedSystem.from_jacobian(jacobian, form, B, FRICTION) for form in (blocks, matrix, matrix.toarray())]
     for system in systems:
         assert system.inverse_mass.shape == (2, 3, 3)
