@@ -23,7 +23,7 @@ use super::newton_system::NewtonSystem;
 use super::problem::{Best, Limits, Problem};
 use super::small::{IDENTITY, Matrix, Vector, ZERO, dot, product, tangent_norm, times};
 
-/// Steps in which the residual must fall by a tenth, or τ by half, or the iteration is called stalled.
+/// Steps in which the residual must fall by a tenth, or τ by three tenths, or the iteration is called stalled.
 const PATIENCE: usize = 6;
 /// The share of the way to the boundary of the cones that a step may go.
 const DAMPING: f64 = 0.99;
@@ -83,7 +83,7 @@ pub fn interior_point(
     loop {
         point.update(problem);
         best.offer(step, &point.impulse, point.residual);
-        if point.residual < 0.9 * reference.0 || point.tau < 0.5 * reference.1 {
+        if point.residual < 0.9 * reference.0 || point.tau < 0.7 * reference.1 {
             reference = (point.residual.min(reference.0), point.tau.min(reference.1));
             idle = 0;
         } else {
