@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import matplotlib
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
+from benchmarks.drawing import draw_front, draw_legends, front_entry, log_axes, save, swatch
 from benchmarks.rows import Row
-from benchmarks.style import FRONT, INK, PALETTE, QUIET, house_style
+from benchmarks.style import INK, PALETTE, QUIET, house_style
 
 
 @dataclass(frozen=True)
@@ -72,21 +70,11 @@ OTHER_BACKEND = Look("other QP backend", QUIET)
 
 SHAPES: Mapping[str, str] = {"coulomb": "o", "cone": "^", "pyramid": "D", "box": "s", "normal": "v"}
 SHAPE_LABELS: Mapping[str, str] = {"normal": "normal: no friction,\nnot in the front"}
-FRONT_LABEL = "Pareto front: nothing\nelse is both faster\nand more accurate"
 
 
 def look_of(row: Row) -> Look:
     """Return how the row's solver is drawn."""
     return LOOKS.get((row.engine, row.solver), OTHER_BACKEND)
-
-
-def pareto_front(points: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Return, by rising time, the points (time, error) that no other one beats in both."""
-    front: list[tuple[float, float]] = []
-    for time, error in sorted(points):
-        if not front or error < front[-1][1]:
-            front.append((time, error))
-    return front
 
 
 def speed_accuracy(
@@ -139,15 +127,11 @@ def speed_accuracy(
         figure.suptitle(heading, x=0.01, ha="left", fontsize=17, fontweight="bold")
         figure.text(0.01, -0.012, footer, ha="left", va="top", fontsize=11, color=QUIET)
         _legend(legend, drawn)
-        return _save(figure, stem)
+        return save(figure, stem)
 
 
 def _panel(ax: Axes, rows: Sequence[Row], title: str, axis: Axis) -> None:
-    ax.set_xscale("log")
-    ax.set_yscale("log")
-    front = pareto_front((float(row.step_ms or 0.0), axis.value(row)) for row in rows if not row.frictionless)
-    # The front is a staircase: between two points, nothing reaches the lower error in less than the later time.
-    ax.step([t for t, _ in front], [e for _, e in front], where="post", color=FRONT, linewidth=7, zorder=1)
+    draw_front(ax, ((float(row.step_ms or 0.0), axis.value(row)) for row in rows if not row.frictionless))
     for line in dict.fromkeys(row.line for row in rows):
         members = sorted((row for row in rows if row.line == line), key=lambda row: row.effort)
         look, hollow = look_of(members[0]), members[0].frictionless
@@ -166,12 +150,8 @@ def _panel(ax: Axes, rows: Sequence[Row], title: str, axis: Axis) -> None:
             zorder=3 if hollow else 4,
         )
     ax.set_title(title)
+    log_axes(ax)
     ax.set_ylim(axis.floor / 3, 3 * axis.ceiling)
-    ax.yaxis.set_major_locator(LogLocator(base=1000.0, numticks=12))
-    ax.yaxis.set_minor_locator(NullLocator())
-    ax.xaxis.set_major_locator(LogLocator(base=10.0, numticks=12))
-    ax.xaxis.set_minor_locator(NullLocator())
-    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
 
 
 def _legend(figure: matplotlib.figure.FigureBase, rows: Sequence[Row]) -> None:
@@ -182,34 +162,12 @@ def _legend(figure: matplotlib.figure.FigureBase, rows: Sequence[Row]) -> None:
     peers = [look for look in solvers if look.marker]
     shapes = [name for name in SHAPES if any(row.formulation == name and not look_of(row).marker for row in rows)]
     blocks = [
-        ("gpx-lcp, by solver", [(_swatch(look), look.label) for look in own]),
+        ("gpx-lcp, by solver", [(swatch(look.colour), look.label) for look in own]),
         ("and by program", [(_shape(name), SHAPE_LABELS.get(name, name)) for name in shapes]),
         ("peers", [(_peer(look), look.label) for look in peers]),
-        ("", [(Line2D([], [], color=FRONT, linewidth=7), FRONT_LABEL)]),
+        ("", [front_entry()]),
     ]
-    # Each block starts where the one above it ends.
-    inch = 1.0 / figure.get_figure(root=True).get_size_inches()[1]
-    top = 1.0 - 0.55 * inch
-    for title, entries in blocks:
-        if not entries:
-            continue
-        handles, labels = zip(*entries, strict=True)
-        drawn = figure.legend(
-            handles,
-            labels,
-            title=title,
-            loc="upper left",
-            bbox_to_anchor=(0.0, top),
-            alignment="left",
-            handlelength=2.0,
-        )
-        drawn.get_title().set_fontweight("bold")
-        lines = sum(label.count("\n") + 1 for label in labels) + (1.3 if title else 0.0)
-        top -= (0.2 + 0.245 * lines) * inch
-
-
-def _swatch(look: Look) -> Line2D:
-    return Line2D([], [], color=look.colour, linewidth=6)
+    draw_legends(figure, blocks)
 
 
 def _shape(name: str) -> Line2D:
@@ -220,11 +178,3 @@ def _shape(name: str) -> Line2D:
 def _peer(look: Look) -> Line2D:
     style = "--" if look.dashed else ""
     return Line2D([], [], color=look.colour, marker=look.marker, linestyle=style, markeredgecolor="white")
-
-
-def _save(figure: Figure, stem: Path) -> list[Path]:
-    stem.parent.mkdir(parents=True, exist_ok=True)
-    paths = [stem.with_suffix(".png"), stem.with_suffix(".svg")]
-    FigureCanvasAgg(figure).print_figure(paths[0], dpi=150, bbox_inches="tight", pad_inches=0.15)
-    FigureCanvasSVG(figure).print_figure(paths[1], bbox_inches="tight", pad_inches=0.15)
-    return paths

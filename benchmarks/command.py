@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import io
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.table import Table
 from rich.text import Text
 
 import gpx_lcp as gpx
@@ -18,7 +14,8 @@ from benchmarks import machine, stacks
 from benchmarks.charts import speed_accuracy
 from benchmarks.engines import ENGINES, OWN
 from benchmarks.interface import Engine, Setting
-from benchmarks.rates import Rate, measure_rates, write_rates
+from benchmarks.pages import Pages
+from benchmarks.rates import Rate, measure_rates
 from benchmarks.report import new_table, rate_table, reach_table, scene_table
 from benchmarks.rows import Row, write_csv
 from benchmarks.runner import Plan, rows_not_run, run_scene
@@ -84,17 +81,16 @@ def run_stacks(request: Request, console: Console) -> Results | None:
         return None
     results = Results(machine.describe())
     results.rows += [row for engine in missing for row in _missing_rows(request.scenes, engine, results.where)]
-    # The tables are kept as text, too: what scrolled away is read in the file.
-    book = Console(record=True, width=140, file=io.StringIO(), highlight=False)
-    _measure(request, installed, settings, results, [console, book])
-    _show(reach_table(_titles(request), results.rows), [console, book])
+    pages = Pages(console)
+    _measure(request, installed, settings, results, pages)
+    pages.show(reach_table(_titles(request), results.rows))
     if results.rates:
-        _show(rate_table(results.rates), [console, book])
-        write_rates(request.out / "rates.csv", results.rates, results.where)
+        pages.show(rate_table(results.rates))
+        write_csv(request.out / "rates.csv", Rate, results.rates, results.where)
     line = version_line(results)
     for text in (line, stacks.NOT_SHOWN):
-        _show(Text(text, style="dim"), [console, book])
-    (request.out / "tables.txt").write_text(book.export_text(), encoding="utf-8")
+        pages.show(Text(text, style="dim"))
+    pages.write(request.out / "tables.txt")
     written = [request.out / "rows.csv", request.out / "tables.txt", *_draw(request, results, line)]
     console.print("written: " + ", ".join(str(path) for path in written))
     if results.interrupted:
@@ -107,7 +103,7 @@ def _measure(
     engines: Mapping[str, Engine],
     settings: Sequence[Setting],
     results: Results,
-    pages: Sequence[Console],
+    pages: Pages,
 ) -> None:
     """Fill `results` scene by scene, showing and writing each as it is done; Ctrl-C ends it early."""
     plan = Plan(stacks.TIME_STEP, request.repeats, request.steps, request.time_limit)
@@ -118,15 +114,15 @@ def _measure(
 
     def keep(measured: Sequence[Row]) -> None:
         results.rows += [replace(row, **results.where) for row in measured]
-        write_csv(request.out / "rows.csv", results.rows)
+        write_csv(request.out / "rows.csv", Row, results.rows)
 
-    with _progress(pages[0], total) as advance:
+    with pages.progress(total) as advance:
         try:
             for name, scene in scenes.items():
                 for measured in run_scene(name, scene, engines, settings, plan, advance):
                     done += 1
                     keep(measured)
-                    _show(scene_table(stacks.SCENES[name].title, measured), pages)
+                    pages.show(scene_table(stacks.SCENES[name].title, measured))
             for name in rate_scenes:
                 results.rates += measure_rates(
                     name, scenes[name], engines, plan.time_step, RATE_REPEATS, request.wants, advance
@@ -181,21 +177,10 @@ def list_all(console: Console) -> None:
 
 def version_line(results: Results) -> str:
     """Return versions, processor and settings of the run in one line."""
-    where = results.where
     peers = dict.fromkeys(
         f"{row.engine} {row.engine_version or 'missing'}" for row in results.rows if row.engine != OWN
     )
-    return ", ".join(
-        [
-            f"gpx-lcp {where['gpx_lcp']} ({where['build_profile']} build, {where['revision'] or 'no revision'})",
-            *peers,
-            f"Python {where['python']}",
-            f"numpy {where['numpy']}",
-            where["cpu"],
-            f"threads: {where['threads']}",
-            "dt = 1/240 s, sleeping off",
-        ]
-    )
+    return machine.version_line(results.where, *peers, "dt = 1/240 s, sleeping off")
 
 
 def _missing_rows(scenes: Sequence[str], engine: Engine, where: Mapping[str, str]) -> Iterator[Row]:
@@ -217,21 +202,3 @@ def _missing_rows(scenes: Sequence[str], engine: Engine, where: Mapping[str, str
             message=engine.install,
             **where,
         )
-
-
-@contextmanager
-def _progress(console: Console, total: int) -> Iterator[Callable[[str], None]]:
-    """Show a progress bar with the time left while the block runs; yield the function that advances it."""
-    columns = (TextColumn("{task.description:<46.46}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, TimeRemainingColumn(), console=console, transient=True) as bar:
-        task = bar.add_task("", total=total)
-
-        def advance(text: str) -> None:
-            bar.update(task, advance=1, description=text)
-
-        yield advance
-
-
-def _show(what: Table | Text, pages: Sequence[Console]) -> None:
-    for page in pages:
-        page.print(what)

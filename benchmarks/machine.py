@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import subprocess
+from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
 
@@ -63,3 +64,17 @@ def describe() -> dict[str, str]:
         "revision": revision(),
         "threads": thread_setting(),
     }
+
+
+def version_line(where: Mapping[str, str], *more: str) -> str:
+    """Return versions and processor of a run, and what else there is to say of it, in one line."""
+    return ", ".join(
+        [
+            f"gpx-lcp {where['gpx_lcp']} ({where['build_profile']} build, {where['revision'] or 'no revision'})",
+            f"Python {where['python']}",
+            f"numpy {where['numpy']}",
+            where["cpu"],
+            f"threads: {where['threads']}",
+            *more,
+        ]
+    )

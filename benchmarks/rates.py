@@ -8,13 +8,11 @@ call itself, in every engine alike, so what is left is the sweep. Both solve one
 
 from __future__ import annotations
 
-import csv
 import statistics
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import closing
-from dataclasses import asdict, dataclass, fields
-from pathlib import Path
+from dataclasses import dataclass
 
 import gpx_lcp as gpx
 from benchmarks.interface import Engine, Setting
@@ -98,12 +96,3 @@ def _first_step(engine: Engine, scene: gpx.Scene, time_step: float, setting: Set
         simulation.step()
         seconds = time.perf_counter() - tick
         return seconds, simulation.contacts().gap.size
-
-
-def write_rates(path: Path, rates: Sequence[Rate], machine: Mapping[str, str]) -> None:
-    """Write the rates as CSV, with where they were measured."""
-    with path.open("w", encoding="utf-8", newline="") as stream:
-        writer = csv.writer(stream)
-        writer.writerow([*(field.name for field in fields(Rate)), *machine])
-        for rate in rates:
-            writer.writerow([*asdict(rate).values(), *machine.values()])

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -96,16 +97,24 @@ class Row:
         return self.engine, self.solver, self.formulation
 
 
-COLUMNS = tuple(field.name for field in fields(Row))
+def write_csv(path: Path, kind: type[Any], rows: Iterable[Any], where: Mapping[str, str] | None = None) -> None:
+    """Write rows of one dataclass, with a header; a file that was there is replaced only once the new one is complete.
 
-
-def write_csv(path: Path, rows: Iterable[Row]) -> None:
-    """Write the rows, with a header; a file that was there is replaced only once the new one is complete."""
+    Parameters
+    ----------
+    kind : type
+        The dataclass, whose fields are the columns, also when there is no row.
+    where : mapping, optional
+        Columns to add that are the same in every row: where it was measured.
+    """
+    where = where or {}
+    columns = [field.name for field in fields(kind)]
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_suffix(path.suffix + ".partial")
     with partial.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream)
-        writer.writerow(COLUMNS)
+        writer.writerow([*columns, *where])
         for row in rows:
-            writer.writerow(["" if (value := getattr(row, name)) is None else value for name in COLUMNS])
+            cells = ["" if (value := getattr(row, name)) is None else value for name in columns]
+            writer.writerow([*cells, *where.values()])
     partial.replace(path)

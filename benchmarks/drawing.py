@@ -1,0 +1,95 @@
+"""What every chart shares: the Pareto front, logarithmic axes, legends beside the panels, and the files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import matplotlib
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+from benchmarks.style import FRONT
+
+# A line of a legend: what is drawn, and what it means.
+Entry = tuple[Artist, str]
+
+
+def pareto_front(points: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Return, by rising time, the points (time, error) that no other one beats in both."""
+    front: list[tuple[float, float]] = []
+    for time, error in sorted(points):
+        if not front or error < front[-1][1]:
+            front.append((time, error))
+    return front
+
+
+def draw_front(ax: Axes, points: Iterable[tuple[float, float]]) -> None:
+    """Draw the front of (time, error) behind everything else."""
+    front = pareto_front(points)
+    # A staircase: between two points, nothing reaches the lower error in less than the later time.
+    ax.step([t for t, _ in front], [e for _, e in front], where="post", color=FRONT, linewidth=7, zorder=1)
+
+
+def front_entry() -> Entry:
+    """Return what the legend says of the front."""
+    line = Line2D([], [], color=FRONT, linewidth=7)
+    return line, "Pareto front: nothing\nelse is both faster\nand more accurate"
+
+
+def swatch(colour: str) -> Line2D:
+    """Return a bar of colour for a legend."""
+    return Line2D([], [], color=colour, linewidth=6)
+
+
+def log_axes(ax: Axes) -> None:
+    """Make both axes logarithmic: time in plain numbers along x, errors by the thousand along y."""
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.yaxis.set_major_locator(LogLocator(base=1000.0, numticks=12))
+    ax.yaxis.set_minor_locator(NullLocator())
+    plain_times(ax)
+
+
+def plain_times(ax: Axes) -> None:
+    """Label a logarithmic x axis with plain numbers, one for each power of ten."""
+    ax.xaxis.set_major_locator(LogLocator(base=10.0, numticks=12))
+    ax.xaxis.set_minor_locator(NullLocator())
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+
+
+def draw_legends(figure: matplotlib.figure.FigureBase, blocks: Sequence[tuple[str, Sequence[Entry]]]) -> None:
+    """Draw blocks of (title, entries) below each other, from the top left; an empty one is left out."""
+    # Each block starts where the one above it ends.
+    inch = 1.0 / figure.get_figure(root=True).get_size_inches()[1]
+    top = 1.0 - 0.55 * inch
+    for title, entries in blocks:
+        if not entries:
+            continue
+        handles, labels = zip(*entries, strict=True)
+        drawn = figure.legend(
+            handles,
+            labels,
+            title=title,
+            loc="upper left",
+            bbox_to_anchor=(0.0, top),
+            alignment="left",
+            handlelength=2.0,
+        )
+        drawn.get_title().set_fontweight("bold")
+        lines = sum(label.count("\n") + 1 for label in labels) + (1.3 if title else 0.0)
+        top -= (0.2 + 0.245 * lines) * inch
+
+
+def save(figure: Figure, stem: Path) -> list[Path]:
+    """Write stem.png and stem.svg and return their paths."""
+    stem.parent.mkdir(parents=True, exist_ok=True)
+    paths = [stem.with_name(f"{stem.name}.{kind}") for kind in ("png", "svg")]
+    FigureCanvasAgg(figure).print_figure(paths[0], dpi=150, bbox_inches="tight", pad_inches=0.15)
+    FigureCanvasSVG(figure).print_figure(paths[1], bbox_inches="tight", pad_inches=0.15)
+    return paths
