@@ -8,12 +8,22 @@ from pathlib import Path
 
 import matplotlib
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from benchmarks.drawing import draw_front, draw_legends, front_entry, log_axes, save, swatch
+from benchmarks.drawing import (
+    draw_front,
+    draw_legends,
+    front_entry,
+    label_figure,
+    log_axes,
+    panel_grid,
+    save,
+    swatch,
+    title_panel,
+)
+from benchmarks.engines import OWN
 from benchmarks.rows import Row
-from benchmarks.style import INK, PALETTE, QUIET, house_style
+from benchmarks.style import INK, PALETTE, QUIET, SOLVERS, house_style
 
 
 @dataclass(frozen=True)
@@ -57,10 +67,7 @@ class Look:
 
 
 LOOKS: Mapping[tuple[str, str], Look] = {
-    ("gpx-lcp", "pgs"): Look("pgs", PALETTE["blue"]),
-    ("gpx-lcp", "interior_point"): Look("interior_point", PALETTE["green"]),
-    ("gpx-lcp", "lemke"): Look("lemke", PALETTE["sky"]),
-    ("gpx-lcp", "osqp"): Look("osqp", PALETTE["orange"]),
+    **{(OWN, name): Look(name, colour) for name, colour in SOLVERS.items()},
     ("pybullet", "SI"): Look("pybullet SI", PALETTE["vermillion"], "X", dashed=True),
     ("pybullet", "MLCP-PGS"): Look("pybullet MLCP-PGS", PALETTE["vermillion"], "P", dashed=True),
     ("pybullet", "SI (as shipped)"): Look("pybullet SI, as shipped", INK, "X"),
@@ -108,29 +115,20 @@ def speed_accuracy(
     if not scenes:
         return []
     with house_style():
-        columns = min(3, len(scenes))
-        lines = -(-len(scenes) // columns)
-        figure = Figure(figsize=(4.1 * columns + 3.3, 3.6 * lines + 1.9), layout="constrained")
-        panels, legend = figure.subfigures(1, 2, width_ratios=(4.1 * columns, 3.1))
-        axes = panels.subplots(lines, columns, squeeze=False, sharey=True, sharex=True)
-        for ax in axes.flat[len(scenes) :]:
-            ax.set_visible(False)
-        for ax, scene in zip(axes.flat, scenes, strict=False):
-            _panel(ax, [row for row in drawn if row.scene == scene], titles[scene], axis)
+        figure, panels, legend, axes = panel_grid(len(scenes))
+        for ax, scene in zip(axes, scenes, strict=True):
+            _panel(ax, [row for row in drawn if row.scene == scene], axis)
             # Engines that blew up, or see a corner that lifts, report other numbers later: the first step's counts.
             contacts = next(
                 (row.contacts for row in rows if row.scene == scene and row.case == "cold" and row.measured), 0
             )
-            ax.set_title(f"{contacts} contacts", loc="right", fontsize=11.5, fontweight="normal", color=QUIET)
-        panels.supxlabel("wall time per step, ms", color=INK, fontsize=13)
-        panels.supylabel(axis.label, color=INK, fontsize=13)
-        figure.suptitle(heading, x=0.01, ha="left", fontsize=17, fontweight="bold")
-        figure.text(0.01, -0.012, footer, ha="left", va="top", fontsize=11, color=QUIET)
+            title_panel(ax, titles[scene], f"{contacts} contacts")
+        label_figure(figure, panels, "wall time per step, ms", axis.label, heading, footer)
         _legend(legend, drawn)
         return save(figure, stem)
 
 
-def _panel(ax: Axes, rows: Sequence[Row], title: str, axis: Axis) -> None:
+def _panel(ax: Axes, rows: Sequence[Row], axis: Axis) -> None:
     draw_front(ax, ((float(row.step_ms or 0.0), axis.value(row)) for row in rows if not row.frictionless))
     for line in dict.fromkeys(row.line for row in rows):
         members = sorted((row for row in rows if row.line == line), key=lambda row: row.effort)
@@ -149,7 +147,6 @@ def _panel(ax: Axes, rows: Sequence[Row], title: str, axis: Axis) -> None:
             clip_on=False,
             zorder=3 if hollow else 4,
         )
-    ax.set_title(title)
     log_axes(ax)
     ax.set_ylim(axis.floor / 3, 3 * axis.ceiling)
 

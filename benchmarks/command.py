@@ -13,6 +13,7 @@ import gpx_lcp as gpx
 from benchmarks import machine, stacks
 from benchmarks.charts import speed_accuracy
 from benchmarks.engines import ENGINES, OWN
+from benchmarks.fclib import problems
 from benchmarks.interface import Engine, Setting
 from benchmarks.pages import Pages
 from benchmarks.rates import Rate, measure_rates
@@ -159,6 +160,12 @@ def list_all(console: Console) -> None:
     for name, scene in stacks.SCENES.items():
         scenes.add_row(name, scene.title)
     console.print(scenes)
+    console.print(
+        "[bold]Suite fclib[/]\n"
+        "problem files of the FCLIB format below --data FOLDER, by every solver and tolerance; without it, our own: "
+        + ", ".join(problems.SCENES)
+        + ", each at rest and shaken\n"
+    )
     engines = new_table("Engines")
     for column in ("engine", "installed", "solvers", "how it is run, or how to get it"):
         engines.add_column(column)

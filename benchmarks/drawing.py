@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-import matplotlib
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from benchmarks.style import FRONT
+from benchmarks.style import FRONT, INK, QUIET
 
 # A line of a legend: what is drawn, and what it means.
 Entry = tuple[Artist, str]
@@ -27,6 +27,37 @@ def pareto_front(points: Iterable[tuple[float, float]]) -> list[tuple[float, flo
         if not front or error < front[-1][1]:
             front.append((time, error))
     return front
+
+
+def panel_grid(count: int, width: float = 4.1, height: float = 3.6) -> tuple[Figure, SubFigure, SubFigure, list[Axes]]:
+    """Return a figure, its part for the panels, its part for the legend, and `count` panels, three in a row at most.
+
+    A panel is `width` by `height` inches; all share their axes.
+    """
+    columns = min(3, count)
+    lines = -(-count // columns)
+    # With air below the heading and between the panels.
+    layout = ConstrainedLayoutEngine(h_pad=0.11, w_pad=0.09)
+    figure = Figure(figsize=(width * columns + 3.3, height * lines + 1.9), layout=layout)
+    panels, legend = figure.subfigures(1, 2, width_ratios=(width * columns, 3.1))
+    axes = list(panels.subplots(lines, columns, squeeze=False, sharey=True, sharex=True).flat)
+    for ax in axes[count:]:
+        ax.set_visible(False)
+    return figure, panels, legend, axes[:count]
+
+
+def title_panel(ax: Axes, title: str, size: str) -> None:
+    """Write what the panel shows, and on the right how large that is."""
+    ax.set_title(title)
+    ax.set_title(size, loc="right", fontsize=11.5, fontweight="normal", color=QUIET)
+
+
+def label_figure(figure: Figure, panels: SubFigure, time: str, error: str, heading: str, footer: str) -> None:
+    """Write the labels of the shared axes, and the lines above and below the panels."""
+    panels.supxlabel(time, color=INK, fontsize=13)
+    panels.supylabel(error, color=INK, fontsize=13)
+    figure.suptitle(heading, x=0.01, ha="left", fontsize=17, fontweight="bold")
+    figure.text(0.01, -0.012, footer, ha="left", va="top", fontsize=11, color=QUIET)
 
 
 def draw_front(ax: Axes, points: Iterable[tuple[float, float]]) -> None:
@@ -63,7 +94,7 @@ def plain_times(ax: Axes) -> None:
     ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
 
 
-def draw_legends(figure: matplotlib.figure.FigureBase, blocks: Sequence[tuple[str, Sequence[Entry]]]) -> None:
+def draw_legends(figure: SubFigure, blocks: Sequence[tuple[str, Sequence[Entry]]]) -> None:
     """Draw blocks of (title, entries) below each other, from the top left; an empty one is left out."""
     # Each block starts where the one above it ends.
     inch = 1.0 / figure.get_figure(root=True).get_size_inches()[1]

@@ -109,11 +109,9 @@ def _try_once(attempt: Attempt, scene: gpx.Scene, bodies: Bodies, engine: Engine
     trial = Trial()
     try:
         _simulate(trial, scene, bodies, engine, attempt, plan)
-    except (gpx.SettingsError, gpx.BackendMissing) as error:
-        attempt.status, attempt.message = "refused", str(error)
     except Exception as error:
         # One engine that breaks on one scene must not lose the others' results.
-        attempt.status, attempt.message = "error", f"{type(error).__name__}: {error}"
+        attempt.status, attempt.message = failure(error)
     if trial.seconds:
         attempt.trials.append(trial)
     attempt.last = time.perf_counter() - start
@@ -127,7 +125,7 @@ def _simulate(trial: Trial, scene: gpx.Scene, bodies: Bodies, engine: Engine, at
     settled_from = plan.steps - plan.steps // 4
     with (
         closing(engine.simulate(scene, plan.time_step, attempt.setting, plan.time_limit)) as simulation,
-        _no_collection(),
+        no_collection(),
     ):
         for step in range(plan.steps + 1):
             late = time.perf_counter() - start > limit
@@ -152,8 +150,15 @@ def _simulate(trial: Trial, scene: gpx.Scene, bodies: Bodies, engine: Engine, at
                 break
 
 
+def failure(error: Exception) -> tuple[str, str]:
+    """Return the status and the message of an attempt that ended in an exception."""
+    if isinstance(error, gpx.SettingsError | gpx.BackendMissing):
+        return "refused", str(error)
+    return "error", f"{type(error).__name__}: {error}"
+
+
 @contextmanager
-def _no_collection() -> Iterator[None]:
+def no_collection() -> Iterator[None]:
     """Keep the garbage collector out of the timed calls, as timeit does."""
     gc.collect()
     gc.disable()

@@ -22,6 +22,17 @@ PALETTE: Final[Mapping[str, str]] = {
     "vermillion": "#d55e00",
     "purple": "#cc79a7",
     "black": "#22252a",
+    # From Paul Tol's muted scheme, as eight are not enough.
+    "indigo": "#332288",
+}
+
+# One colour for each solver of gpx-lcp, in every chart.
+SOLVERS: Final[Mapping[str, str]] = {
+    "pgs": PALETTE["blue"],
+    "interior_point": PALETTE["green"],
+    "newton": PALETTE["indigo"],
+    "lemke": PALETTE["sky"],
+    "osqp": PALETTE["orange"],
 }
 
 STYLE: Final[Mapping[str, Any]] = {
