@@ -114,9 +114,13 @@ def certify(system: StackedSystem, impulse: npt.ArrayLike) -> Certificate:
 
 
 def natural_map_vectors(impulse: Array, velocity: Array, friction: Array, scale: Array) -> Array:
-    """Return d p - P_K(d p - velocity) of each contact, (n, rows), m/s."""
-    scaled = scale[:, None] * impulse
-    return scaled - project_friction_cone(scaled - velocity, friction)
+    """Return d p - P_K(d p - velocity) of each contact, (n, rows), m/s.
+
+    Written as velocity + (x - P_K(x)) with x = d p - velocity, whose second term is exactly zero inside the cone: the
+    difference as it stands would lose the velocity beside impulses that run off to 1e16 times its size.
+    """
+    x = scale[:, None] * impulse - velocity
+    return velocity + (x - project_friction_cone(x, friction))
 
 
 def relative_norm(system: StackedSystem, vectors: Array) -> float:

@@ -45,5 +45,5 @@ def normal_residual(system: StackedSystem, impulse: Array) -> float:
     """Return ‖(d p_n - (d p_n - u_n)⁺, d p_t)‖ / ‖B‖: zero exactly at a solution, where p_t vanishes too."""
     vectors = system.scale[:, None] * impulse
     velocity = system.velocity(impulse)[:, 0]
-    vectors[:, 0] -= np.maximum(vectors[:, 0] - velocity, 0.0)
+    vectors[:, 0] = velocity + np.minimum(vectors[:, 0] - velocity, 0.0)
     return relative_norm(system, vectors)

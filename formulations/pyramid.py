@@ -102,17 +102,18 @@ def friction_residual(system: StackedSystem, impulse: Array, corners: Array) -> 
     velocity = system.velocity(impulse)
     radius = system.friction * np.maximum(scaled[:, 0], 0.0)
     vectors = np.empty_like(scaled)
-    vectors[:, 0] = scaled[:, 0] - np.maximum(scaled[:, 0] - velocity[:, 0], 0.0)
-    vectors[:, 1:] = scaled[:, 1:] - project_polygon(scaled[:, 1:] - velocity[:, 1:], radius, corners)
+    normal, tangent = scaled[:, 0] - velocity[:, 0], scaled[:, 1:] - velocity[:, 1:]
+    vectors[:, 0] = velocity[:, 0] + np.minimum(normal, 0.0)
+    vectors[:, 1:] = velocity[:, 1:] + (tangent - project_polygon(tangent, radius, corners))
     return relative_norm(system, vectors)
 
 
 def pyramid_qp_residual(system: StackedSystem, impulse: Array, facets: int = DEFAULT_FACETS) -> float:
     """Return ‖d p - P(d p - u)‖ / ‖B‖ with P the projection onto the pyramids: zero exactly at the QP's solution."""
-    scaled = system.scale[:, None] * impulse
-    corners = pyramid_directions(system.rows, facets)
-    projected = project_polyhedral_cone(scaled - system.velocity(impulse), system.friction, corners)
-    return relative_norm(system, scaled - projected)
+    velocity = system.velocity(impulse)
+    x = system.scale[:, None] * impulse - velocity
+    projected = project_polyhedral_cone(x, system.friction, pyramid_directions(system.rows, facets))
+    return relative_norm(system, velocity + (x - projected))
 
 
 def _basis(system: StackedSystem, groups: Sequence[Array]) -> sp.csr_array:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from formulations import ProblemError, StackedSystem, certify
+from formulations import RESIDUALS, ProblemError, StackedSystem, certify
 
 
 def sliding_block(mu=0.5, speed=3.0, step=9.81 / 240, mass=2.0):
@@ -93,6 +93,13 @@ def test_locked_contacts_have_a_value_and_never_nan():
     assert certify(system, np.zeros((1, 3))).natural_map == pytest.approx(1.0)
     system = StackedSystem(np.zeros((3, 3)), [-1.0, 0.0, 0.0], [0.5])
     assert certify(system, np.zeros((1, 3))).natural_map == 0.0
+
+
+@pytest.mark.parametrize("program", sorted(RESIDUALS))
+def test_impulses_that_run_off_fool_no_judge(program):
+    """Driven walls have no solution; p = 1e20 (1, 1) moves nothing, and beside it the closing speed is rounding."""
+    system = StackedSystem([[1.0, -1.0], [-1.0, 1.0]], [1.0, 1.0], [0.5, 0.5])
+    assert RESIDUALS[program](system, np.full((2, 1), 1e20), 8) == pytest.approx(1.0)
 
 
 def test_no_contacts_and_no_motion():
