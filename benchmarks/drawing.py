@@ -47,8 +47,8 @@ def panel_grid(count: int, width: float = 4.1, height: float = 3.6) -> tuple[Fig
 
 
 def title_panel(ax: Axes, title: str, size: str) -> None:
-    """Write what the panel shows, and on the right how large that is."""
-    ax.set_title(title)
+    """Write what the panel shows, and on the right how large that is; a long title is set smaller."""
+    ax.set_title(title, fontsize=14.5 * min(1.0, 18 / len(title)))
     ax.set_title(size, loc="right", fontsize=11.5, fontweight="normal", color=QUIET)
 
 

@@ -194,6 +194,6 @@ def _footer(request: Request, results: Results) -> str:
     if request.baseline is None:
         return line
     return (
-        f"{line}\nDashed: {request.baseline.name}. Its times come from another run, and perhaps another machine; its "
-        "success is judged by the natural map that the file states, at the tolerances that it asked for."
+        f"{line}\nDashed: {request.baseline.name}, at the tolerances that it asked for. Its times come from another run, "
+        "and perhaps another machine; its success is judged by the natural map that the file states."
     )
