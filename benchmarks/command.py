@@ -164,7 +164,7 @@ def list_all(console: Console) -> None:
         "[bold]Suite fclib[/]\n"
         "problem files of the FCLIB format below --data FOLDER, by every solver and tolerance; without it, our own: "
         + ", ".join(problems.SCENES)
-        + ", each at rest and shaken\n"
+        + ", each at rest and shaken. The solver 'automatic' is gpx.solve with none named\n"
     )
     engines = new_table("Engines")
     for column in ("engine", "installed", "solvers", "how it is run, or how to get it"):

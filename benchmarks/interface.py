@@ -167,5 +167,6 @@ class Engine(Protocol):
 
 
 def scientific(value: float) -> str:
-    """Return a power of ten the short way, "1e-6"."""
-    return f"{value:.0e}".replace("e-0", "e-")
+    """Return a small number the short way, "1e-6"."""
+    mantissa, exponent = f"{value:e}".split("e")
+    return f"{float(mantissa):g}e{int(exponent)}"

@@ -69,15 +69,11 @@ class Request:
     out: Path
 
     def lines(self) -> list[Line]:
-        """Return who is to be run: each installed solver with each formulation it solves, and nobody named."""
-        formulations = self.formulations or FORMULATIONS
-        lines = [Line(AUTOMATIC, formulation) for formulation in formulations]
-        lines += [
-            Line(row.name, formulation)
-            for formulation in formulations
-            for row in gpx.solvers().values()
-            if row.installed and formulation in row.programs
-        ]
+        """Return who is to be run: for each formulation gpx.solve's own choice, and each installed solver of it."""
+        lines: list[Line] = []
+        for formulation in dict.fromkeys(self.formulations or FORMULATIONS):
+            able = [row.name for row in gpx.solvers().values() if row.installed and formulation in row.programs]
+            lines += [Line(name, formulation) for name in ([AUTOMATIC, *able] if able else [])]
         return [line for line in lines if self.solvers is None or line.solver in self.solvers]
 
     def choose(self, files: Sequence[ProblemFile]) -> list[ProblemFile]:
@@ -194,6 +190,6 @@ def _footer(request: Request, results: Results) -> str:
     if request.baseline is None:
         return line
     return (
-        f"{line}\nDashed: {request.baseline.name}, at the tolerances that it asked for. Its times come from another run, "
-        "and perhaps another machine; its success is judged by the natural map that the file states."
+        f"{line}\nDashed: {request.baseline.name}, at the tolerances that it asked for. Its times come from another "
+        "run, and perhaps another machine; its success is judged by the natural map that the file states."
     )

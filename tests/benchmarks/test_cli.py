@@ -108,14 +108,23 @@ def test_an_error_in_an_engine_is_the_exit_code(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     "arguments",
-    [("--scene", "bogus"), ("--repeats", "0"), ("--steps", "-1"), ("--time-limit", "0"), ("--peer", "bogus")],
+    [
+        ("stacks", "--scene", "bogus"),
+        ("stacks", "--repeats", "0"),
+        ("stacks", "--steps", "-1"),
+        ("stacks", "--time-limit", "0"),
+        ("stacks", "--peer", "bogus"),
+        ("fclib", "--repeats", "0"),
+        ("fclib", "--tolerance", "0"),
+        ("fclib", "--scene", "tower-5"),
+    ],
     ids=" ".join,
 )
 def test_a_wrong_argument_is_a_usage_error(arguments, capsys):
     with pytest.raises(SystemExit) as stop:
-        cli.main(["run", "stacks", *arguments])
+        cli.main(["run", *arguments])
     assert stop.value.code == cli.USAGE
-    assert arguments[0] in capsys.readouterr().err
+    assert arguments[1] in capsys.readouterr().err
 
 
 def test_help_tells_the_exit_codes(capsys):

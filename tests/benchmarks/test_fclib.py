@@ -132,8 +132,9 @@ def test_a_solver_that_breaks_is_a_row_and_the_exit_code(tmp_path, data, monkeyp
     assert "pgs: error on Tower-2 and 1 more: RuntimeError: out of order" in text
 
 
-def test_a_program_that_the_solver_does_not_take_is_refused(tmp_path, data):
-    code, text, rows = call(tmp_path, "--data", str(data), "--solver", "lemke", "--formulation", "coulomb")
+@pytest.mark.parametrize("named", [("--solver", "lemke"), ("--solver", "bogus"), ("--formulation", "bogus")])
+def test_where_no_solver_fits_the_run_is_refused(tmp_path, data, named):
+    code, text, rows = call(tmp_path, "--data", str(data), *named)
     assert code == cli.REFUSED
     assert "nothing to run" in text and not rows
 

@@ -14,6 +14,7 @@ from benchmarks.fclib.problems import ProblemFile, find, rank_ratio, shaken, sma
 from benchmarks.fclib.profiles import geometric_mean, performance_ratios, profile, shifted_mean
 from benchmarks.fclib.scores import Scores, against_baseline
 from benchmarks.fclib.tables import ratio_table, solver_table
+from benchmarks.interface import scientific
 
 # Three problems by three solvers, s; nobody solves the last one. Ratios: 1 2 4; 3 1 -; - - -.
 TIMES = [[1.0, 2.0, 4.0], [3.0, 1.0, inf], [inf, inf, inf]]
@@ -216,3 +217,8 @@ def test_every_line_has_a_colour_of_its_own():
     lines = [Line(solver, program) for program in ("coulomb", "box") for solver in ("automatic", "pgs", "newton")]
     assert len(set(colours(lines[:4]).values())) == 4
     assert set(colours(lines)) == {line.label for line in lines}
+
+
+@pytest.mark.parametrize(("value", "text"), [(1e-10, "1e-10"), (1e-4, "1e-4"), (2.5e-7, "2.5e-7")])
+def test_tolerances_that_differ_are_written_differently(value, text):
+    assert scientific(value) == text
