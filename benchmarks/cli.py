@@ -155,6 +155,7 @@ def _run_stacks(asked: argparse.Namespace, console: Console) -> Results | None:
 
 
 def _run_fclib(asked: argparse.Namespace, console: Console) -> fclib.Results | None:
+    usual = fclib.QUICK_TOLERANCES if asked.quick else fclib.TOLERANCES
     request = fclib.Request(
         data=asked.data,
         solvers=asked.solver,
@@ -162,8 +163,7 @@ def _run_fclib(asked: argparse.Namespace, console: Console) -> fclib.Results | N
         problems=asked.problem,
         baseline=read_baseline(asked.baseline) if asked.baseline else None,
         plan=Plan(
-            tolerances=tuple(dict.fromkeys(asked.tolerance or ()))
-            or (fclib.QUICK_TOLERANCES if asked.quick else fclib.TOLERANCES),
+            tolerances=tuple(dict.fromkeys(asked.tolerance or usual)),
             repeats=asked.repeats or (3 if asked.quick else 5),
             time_limit=asked.time_limit or (2.0 if asked.quick else 20.0),
         ),
