@@ -27,7 +27,7 @@ OK, FAILED, USAGE, REFUSED, INTERRUPTED = 0, 1, 2, 3, 130
 
 EXIT_CODES = """exit codes:
   0    every attempt was made (a missing peer is listed, and is no failure)
-  1    an attempt ended in an error; its row says which
+  1    an attempt ended in an error, or a file cannot be read; its row says which
   2    the command was not understood, or names a folder, file or problem that is not there
   3    refused: the core is a debug build, or nothing that was asked for is installed
   130  stopped by Ctrl-C; what was measured so far is written"""

@@ -39,7 +39,7 @@ def panel_grid(count: int, width: float = 4.1, height: float = 3.6) -> tuple[Fig
     # With air below the heading and between the panels.
     layout = ConstrainedLayoutEngine(h_pad=0.11, w_pad=0.09)
     figure = Figure(figsize=(width * columns + 3.3, height * lines + 1.9), layout=layout)
-    panels, legend = figure.subfigures(1, 2, width_ratios=(width * columns, 3.1))
+    panels, legend = figure.subfigures(1, 2, squeeze=False, width_ratios=(width * columns, 3.1))[0]
     axes = list(panels.subplots(lines, columns, squeeze=False, sharey=True, sharex=True).flat)
     for ax in axes[count:]:
         ax.set_visible(False)
