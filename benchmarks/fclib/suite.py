@@ -37,7 +37,8 @@ NOT_SHOWN = (
     "Jacobian and masses, on which some solvers are faster (a file holds A alone); several threads; other machines. "
     "Times are solve_seconds, without set-up and without Python, which are columns of rows.csv; on a shared machine "
     "they are good to 20-30 %. Solvers stop at their own limit of iterations, too. A problem that nobody solved stays "
-    "in every share. 'automatic' is gpx.solve with no solver named. A family is the leading letters of a file's name."
+    "in every share, and one problem can carry a mean of ratios: read it by family. 'automatic' is gpx.solve with "
+    "no solver named. A family is the leading letters of a file's name."
 )
 OWN_PROBLEMS = (
     "No --data was given: these are problems of our own, cubes and bricks at rest and with random velocities "
