@@ -3,6 +3,7 @@
 //! Block Gauss-Seidel changes one contact's impulse at a time. With the others held, its velocity is u = A_ii p + b, and
 //! the law (which impulses are allowed, and when) makes that a problem of one to three unknowns, solved exactly.
 
+use crate::lanes::Lanes;
 use crate::small_matrix::{Matrix, Vector, cholesky, dot, lower_inverse, times, transposed};
 
 /// Smallest pivot of a diagonal block that is divided by, as a share of its largest diagonal entry.
@@ -11,15 +12,15 @@ const LEAST_PIVOT: f64 = 1e-9;
 /// What stays the same of one contact during all sweeps.
 #[derive(Clone, Copy, Debug)]
 pub struct Contact<const R: usize> {
-    /// B_i, m/s.
-    pub target: Vector<R>,
+    /// -B_i, m/s: the velocity where no impulse acts.
+    pub free: Vector<R>,
     pub friction: f64,
     /// d_i, the largest diagonal entry of the whole A_ii (also of rows that a frictionless program leaves out), 1/kg.
     pub scale: f64,
     /// A_ii, symmetric and positive definite, 1/kg.
     pub block: Matrix<R>,
-    /// Its inverse, kg.
-    pub inverse: Matrix<R>,
+    /// -A_ii⁻¹, kg: the change of impulse that a velocity asks for.
+    pub response: Matrix<R>,
 }
 
 impl<const R: usize> Contact<R> {
@@ -47,14 +48,27 @@ impl<const R: usize> Contact<R> {
             lift *= 10.0;
         };
         let half = transposed(&lower_inverse(&lower));
-        let inverse = std::array::from_fn(|r| std::array::from_fn(|c| dot(&half[r], &half[c])));
+        let response = std::array::from_fn(|r| std::array::from_fn(|c| -dot(&half[r], &half[c])));
         Self {
-            target,
+            free: target.map(|value| -value),
             friction,
             scale,
             block,
-            inverse,
+            response,
         }
+    }
+
+    /// b = u - A_ii p, the velocity that the contact would have without its impulse.
+    #[inline(always)]
+    pub fn velocity_without(&self, impulse: &Vector<R>, velocity: &Vector<R>) -> Vector<R> {
+        let own = times(&self.block, impulse);
+        std::array::from_fn(|r| velocity[r] - own[r])
+    }
+
+    /// b_n of it.
+    #[inline(always)]
+    pub fn normal_velocity_without(&self, impulse: &Vector<R>, velocity: &Vector<R>) -> f64 {
+        velocity[0] - dot(&self.block[0], impulse)
     }
 
     /// The impulse that this contact alone needs to have no normal velocity, sliding without friction.
@@ -74,8 +88,8 @@ pub trait Law<const R: usize>: Sync {
 
     fn prepare(&self, contact: &Contact<R>) -> Self::Local;
 
-    /// Whether p = 0 solves the problem of one contact whose velocity without an impulse is b.
-    fn separates(&self, friction: f64, b: &Vector<R>) -> bool;
+    /// Whether p = 0 solves the problem of a contact that has this impulse and this velocity now.
+    fn separates(&self, contact: &Contact<R>, impulse: &Vector<R>, velocity: &Vector<R>) -> bool;
 
     /// Whether the law allows an impulse.
     fn contains(&self, friction: f64, impulse: &Vector<R>) -> bool;
@@ -83,6 +97,16 @@ pub trait Law<const R: usize>: Sync {
     /// The impulse on the boundary of the allowed set that solves u = A_ii p + b; None where rounding or overflow
     /// leaves none. Called only where neither p = 0 nor u = 0 is a solution, and the friction is positive.
     fn slide(
+        &self,
+        contact: &Contact<R>,
+        local: &mut Self::Local,
+        b: &Vector<R>,
+    ) -> Option<Vector<R>>;
+
+    /// What `slide` finds, if it is near what it found last for this contact; None where that is not certain.
+    ///
+    /// One step towards it is enough: from sweep to sweep it moves ever less, and this step leaves the square of that.
+    fn slide_on(
         &self,
         contact: &Contact<R>,
         local: &mut Self::Local,
@@ -103,33 +127,44 @@ pub trait Law<const R: usize>: Sync {
 }
 
 /// A contact's impulse after a step, and its change: both, because neither follows from the other without rounding.
-pub struct Step<const R: usize> {
+pub struct Step<const R: usize, V> {
     pub impulse: Vector<R>,
-    pub change: Vector<R>,
+    /// Each entry in all lanes.
+    pub change: [V; R],
 }
 
-impl<const R: usize> Step<R> {
+impl<const R: usize, V: Lanes> Step<R, V> {
+    #[inline(always)]
     pub fn to(impulse: Vector<R>, old: &Vector<R>) -> Self {
-        let change = std::array::from_fn(|r| impulse[r] - old[r]);
+        let mut change = [V::splat(0.0); R];
+        for r in 0..R {
+            change[r] = V::splat(impulse[r] - old[r]);
+        }
         Self { impulse, change }
     }
 }
 
-/// Solve the problem of one contact, given its impulse and its velocity u = A_ii p + b now.
+/// Solve the problem of one contact, given its impulse and its velocity u = A_ii p + b now (each entry in all lanes).
 #[inline(always)]
-pub fn local_step<const R: usize, L: Law<R>>(
+pub fn local_step<const R: usize, L: Law<R>, V: Lanes>(
     law: &L,
     contact: &Contact<R>,
     local: &mut L::Local,
     impulse: &Vector<R>,
-    velocity: &Vector<R>,
-) -> Step<R> {
+    velocity: &[V; R],
+) -> Step<R, V> {
     // A change of the old impulse rather than -A_ii⁻¹ b: near the solution u is small, and so is its rounding.
-    let change = times(&contact.inverse, velocity).map(|value| -value);
-    let sticking: Vector<R> = std::array::from_fn(|r| impulse[r] + change[r]);
-    let own = times(&contact.block, impulse);
-    let b: Vector<R> = std::array::from_fn(|r| velocity[r] - own[r]);
-    if law.separates(contact.friction, &b) {
+    let mut change = [V::splat(0.0); R];
+    let (mut sticking, mut u) = (*impulse, [0.0; R]);
+    for r in 0..R {
+        change[r] = V::splat(contact.response[r][0]).times(velocity[0]);
+        for c in 1..R {
+            change[r] = change[r].plus_product(V::splat(contact.response[r][c]), velocity[c]);
+        }
+        sticking[r] += change[r].first();
+        u[r] = velocity[r].first();
+    }
+    if law.separates(contact, impulse, &u) {
         return Step::to([0.0; R], impulse);
     }
     if law.contains(contact.friction, &sticking) {
@@ -138,32 +173,35 @@ pub fn local_step<const R: usize, L: Law<R>>(
             change,
         };
     }
-    Step::to(
-        leave_interior(law, contact, local, impulse, velocity, &b),
-        impulse,
-    )
+    Step::to(leave_interior(law, contact, local, impulse, u), impulse)
 }
 
+/// Not inlined, and given the velocity by value, so that contacts which stick do not prepare for it.
 #[inline(never)]
 fn leave_interior<const R: usize, L: Law<R>>(
     law: &L,
     contact: &Contact<R>,
     local: &mut L::Local,
     impulse: &Vector<R>,
-    velocity: &Vector<R>,
-    b: &Vector<R>,
+    velocity: Vector<R>,
 ) -> Vector<R> {
-    let found = if R == 1 || contact.friction == 0.0 {
-        Some(contact.frictionless(b))
+    let b = contact.velocity_without(impulse, &velocity);
+    if R == 1 || contact.friction == 0.0 {
+        let found = contact.frictionless(&b);
+        if found[0].is_finite() {
+            return found;
+        }
     } else {
-        law.slide(contact, local, b)
-    };
-    if let Some(found) = found
-        && found.iter().all(|value| value.is_finite())
-    {
-        return found;
+        if let Some(found) = law.slide_on(contact, local, &b) {
+            return found;
+        }
+        if let Some(found) = law.slide(contact, local, &b)
+            && found.iter().all(|value| value.is_finite())
+        {
+            return found;
+        }
     }
-    let map = law.natural_map(contact.friction, contact.scale, impulse, velocity);
+    let map = law.natural_map(contact.friction, contact.scale, impulse, &velocity);
     law.project(
         contact.friction,
         &std::array::from_fn(|r| impulse[r] - map[r] / contact.scale),
@@ -174,6 +212,7 @@ fn leave_interior<const R: usize, L: Law<R>>(
 #[cfg(test)]
 pub mod samples {
     use super::{Contact, Law, local_step};
+    use crate::lanes::{Lanes, Portable};
     use crate::small_matrix::{Matrix, Vector, dot};
 
     /// Uniform numbers in (-1, 1), by a linear congruential generator.
@@ -218,7 +257,8 @@ pub mod samples {
             random.vector::<R>().map(|value| value / scale),
         );
         let at = |p: &Vector<R>| -> Vector<R> { std::array::from_fn(|r| b[r] + dot(&block[r], p)) };
-        let step = local_step(law, &contact, &mut law.prepare(&contact), &old, &at(&old));
+        let velocity = at(&old).map(Portable::splat);
+        let step = local_step(law, &contact, &mut law.prepare(&contact), &old, &velocity);
         let map = law.natural_map(friction, scale, &step.impulse, &at(&step.impulse));
         let size = |x: &Vector<R>| dot(x, x).sqrt();
         size(&map) / (size(&b) + scale * size(&old))
@@ -229,6 +269,7 @@ pub mod samples {
 mod tests {
     use super::*;
     use crate::friction_cone::{ConvexCone, Coulomb};
+    use crate::lanes::Portable;
     use crate::polygon::Polygon;
     use crate::small_matrix::Matrix;
 
@@ -244,10 +285,11 @@ mod tests {
                     [-1e-300, 1e-300, 0.0],
                     [-1e150, 1e150, 1e100],
                 ] {
+                    let velocity = velocity.map(Portable::splat);
                     let step = local_step(law, &contact, &mut local, &[0.1, 0.0, 0.0], &velocity);
                     assert!(
                         step.impulse.iter().all(|value| value.is_finite()),
-                        "{block:?} {friction} {velocity:?}"
+                        "{block:?} {friction}"
                     );
                     assert!(step.impulse[0] >= 0.0);
                 }
@@ -284,7 +326,7 @@ mod tests {
             &contact,
             &mut Coulomb.prepare(&contact),
             &[0.0; 2],
-            &[-1.0, -1.0],
+            &[Portable::splat(-1.0); 2],
         );
         assert!((step.impulse[0] + step.impulse[1] - 1.0).abs() < 1e-7);
     }

@@ -4,6 +4,7 @@
 //! for each body that a contact touches, and keeps the body state w = Ĵᵀ p up to date: one row then costs the same
 //! however many contacts the bodies have, and A is never formed.
 
+use crate::lanes::{Lanes, Pair};
 use crate::small_matrix::{Matrix, Vector, dot};
 
 /// Block rows: row i owns blocks `start[i]..start[i + 1]`, each with R rows and C columns.
@@ -18,6 +19,13 @@ pub struct BlockRows<const R: usize, const C: usize> {
 struct Block<const R: usize, const C: usize> {
     values: [[f64; C]; R],
     column: usize,
+}
+
+/// The blocks of one row: from `first` to before `end`.
+#[derive(Clone, Copy, Debug)]
+pub struct Span {
+    first: usize,
+    end: usize,
 }
 
 /// Why an array triple is no block matrix.
@@ -106,24 +114,15 @@ impl<const R: usize, const C: usize> BlockRows<R, C> {
         self.len() == 0
     }
 
-    #[inline(always)]
-    fn row(&self, i: usize) -> &[Block<R, C>] {
-        &self.blocks[self.start[i]..self.start[i + 1]]
+    fn span(&self, i: usize) -> Span {
+        Span {
+            first: self.start[i],
+            end: self.start[i + 1],
+        }
     }
 
-    /// Σ over the blocks of row i of block · state[column].
-    #[inline(always)]
-    fn times_row(&self, i: usize, state: &[[f64; C]]) -> Vector<R> {
-        let mut sum = [[0.0; C]; R];
-        for block in self.row(i) {
-            let x = &state[block.column];
-            for r in 0..R {
-                for c in 0..C {
-                    sum[r][c] += block.values[r][c] * x[c];
-                }
-            }
-        }
-        std::array::from_fn(|r| sum_in_pairs(&sum[r]))
+    fn row(&self, i: usize) -> &[Block<R, C>] {
+        &self.blocks[self.start[i]..self.start[i + 1]]
     }
 }
 
@@ -148,13 +147,18 @@ pub trait Delassus<const R: usize> {
     /// A_ii, as given.
     fn diagonal_block(&self, i: usize) -> Matrix<R>;
 
-    fn set(&mut self, impulse: &[Vector<R>]);
+    /// Where the blocks of a contact lie.
+    type Place: Copy;
 
-    /// A_i p, m/s.
-    fn row(&self, i: usize) -> Vector<R>;
+    fn place(&self, i: usize) -> Self::Place;
 
-    /// Add `change` to the impulse of contact i.
-    fn add(&mut self, i: usize, change: &Vector<R>);
+    fn set<V: Lanes>(&mut self, impulse: &[Vector<R>]);
+
+    /// A_i p + `free`, m/s, each entry in all lanes.
+    fn velocity<V: Lanes>(&self, place: Self::Place, free: &Vector<R>) -> [V; R];
+
+    /// Add `change`, whose entries stand in all lanes, to the impulse of a contact.
+    fn add<V: Lanes>(&mut self, place: Self::Place, change: &[V; R]);
 }
 
 pub struct Explicit<const R: usize> {
@@ -186,56 +190,106 @@ impl<const R: usize> Delassus<R> for Explicit<R> {
         sum
     }
 
-    fn set(&mut self, impulse: &[Vector<R>]) {
+    type Place = (usize, Span);
+
+    fn place(&self, i: usize) -> (usize, Span) {
+        (i, self.rows.span(i))
+    }
+
+    #[inline(always)]
+    fn set<V: Lanes>(&mut self, impulse: &[Vector<R>]) {
         self.impulse.copy_from_slice(impulse);
     }
 
     #[inline(always)]
-    fn row(&self, i: usize) -> Vector<R> {
-        self.rows.times_row(i, &self.impulse)
+    fn velocity<V: Lanes>(&self, (_, span): (usize, Span), free: &Vector<R>) -> [V; R] {
+        let mut sum = [[0.0; R]; R];
+        for block in &self.rows.blocks[span.first..span.end] {
+            let x = &self.impulse[block.column];
+            for r in 0..R {
+                for c in 0..R {
+                    sum[r][c] += block.values[r][c] * x[c];
+                }
+            }
+        }
+        let mut velocity = [V::splat(0.0); R];
+        for r in 0..R {
+            velocity[r] = V::splat(sum_in_pairs(&sum[r]) + free[r]);
+        }
+        velocity
     }
 
     #[inline(always)]
-    fn add(&mut self, i: usize, change: &Vector<R>) {
+    fn add<V: Lanes>(&mut self, (i, _): (usize, Span), change: &[V; R]) {
         for (value, step) in self.impulse[i].iter_mut().zip(change) {
-            *value += step;
+            *value += step.first();
         }
     }
 }
 
-pub struct Factored<const R: usize, const D: usize> {
-    rows: BlockRows<R, D>,
+/// Ĵ and w, each row of a block and each body's state filled up with zeros to Q pairs.
+pub struct Factored<const R: usize, const Q: usize> {
+    start: Vec<usize>,
+    blocks: Vec<PairBlock<R, Q>>,
     /// w = Ĵᵀ p, body by body, √kg m/s.
-    state: Vec<[f64; D]>,
+    state: Vec<[Pair; Q]>,
 }
 
-impl<const R: usize, const D: usize> Factored<R, D> {
-    pub fn new(rows: BlockRows<R, D>, bodies: usize) -> Self {
+#[derive(Clone, Copy)]
+struct PairBlock<const R: usize, const Q: usize> {
+    values: [[Pair; Q]; R],
+    column: usize,
+}
+
+impl<const R: usize, const Q: usize> Factored<R, Q> {
+    /// Take the block rows of Ĵ, of bodies with at most 2 Q degrees of freedom.
+    pub fn new<const D: usize>(rows: BlockRows<R, D>, bodies: usize) -> Self {
+        const { assert!(D <= 2 * Q) };
+        let padded = |block: &Block<R, D>| {
+            let mut values = [[Pair::default(); Q]; R];
+            for r in 0..R {
+                for c in 0..D {
+                    values[r][c / 2].0[c % 2] = block.values[r][c];
+                }
+            }
+            PairBlock {
+                values,
+                column: block.column,
+            }
+        };
         Self {
-            rows,
-            state: vec![[0.0; D]; bodies],
+            blocks: rows.blocks.iter().map(padded).collect(),
+            start: rows.start,
+            state: vec![[Pair::default(); Q]; bodies],
         }
     }
 }
 
-impl<const R: usize, const D: usize> Delassus<R> for Factored<R, D> {
+impl<const R: usize, const Q: usize> Delassus<R> for Factored<R, Q> {
+    type Place = Span;
+
     fn len(&self) -> usize {
-        self.rows.len()
+        self.start.len().saturating_sub(1)
+    }
+
+    fn place(&self, i: usize) -> Span {
+        Span {
+            first: self.start[i],
+            end: self.start[i + 1],
+        }
     }
 
     fn diagonal_block(&self, i: usize) -> Matrix<R> {
         let mut sum = [[0.0; R]; R];
+        let own = &self.blocks[self.start[i]..self.start[i + 1]];
         // A body named twice in one row adds its blocks before they are squared.
-        for block in self.rows.row(i) {
-            for other in self
-                .rows
-                .row(i)
-                .iter()
-                .filter(|other| other.column == block.column)
-            {
+        for block in own {
+            for other in own.iter().filter(|other| other.column == block.column) {
                 for r in 0..R {
                     for c in 0..R {
-                        sum[r][c] += dot(&block.values[r], &other.values[c]);
+                        for (x, y) in block.values[r].iter().zip(&other.values[c]) {
+                            sum[r][c] += dot(&x.0, &y.0);
+                        }
                     }
                 }
             }
@@ -243,30 +297,54 @@ impl<const R: usize, const D: usize> Delassus<R> for Factored<R, D> {
         sum
     }
 
-    fn set(&mut self, impulse: &[Vector<R>]) {
-        self.state.fill([0.0; D]);
+    #[inline(always)]
+    fn set<V: Lanes>(&mut self, impulse: &[Vector<R>]) {
+        self.state.fill([Pair::default(); Q]);
         for (i, p) in impulse.iter().enumerate() {
-            self.add(i, p);
+            let mut change = [V::splat(0.0); R];
+            for r in 0..R {
+                change[r] = V::splat(p[r]);
+            }
+            self.add(self.place(i), &change);
         }
     }
 
     #[inline(always)]
-    fn row(&self, i: usize) -> Vector<R> {
-        self.rows.times_row(i, &self.state)
+    fn velocity<V: Lanes>(&self, span: Span, free: &Vector<R>) -> [V; R] {
+        let mut sums = [[V::splat(0.0); Q]; R];
+        for r in 0..R {
+            sums[r][0] = V::lone(free[r]);
+        }
+        for block in &self.blocks[span.first..span.end] {
+            let state = &self.state[block.column];
+            for q in 0..Q {
+                let x = V::load(&state[q]);
+                for r in 0..R {
+                    sums[r][q] = sums[r][q].plus_product(V::load(&block.values[r][q]), x);
+                }
+            }
+        }
+        let mut velocity = [V::splat(0.0); R];
+        for r in 0..R {
+            let mut total = sums[r][0];
+            for q in 1..Q {
+                total = total.plus(sums[r][q]);
+            }
+            velocity[r] = total.sum();
+        }
+        velocity
     }
 
     #[inline(always)]
-    fn add(&mut self, i: usize, change: &Vector<R>) {
-        let Self { rows, state } = self;
-        for block in rows.row(i) {
-            let mut sum = [0.0; D];
-            for r in 0..R {
-                for c in 0..D {
-                    sum[c] += block.values[r][c] * change[r];
+    fn add<V: Lanes>(&mut self, span: Span, change: &[V; R]) {
+        for block in &self.blocks[span.first..span.end] {
+            let state = &mut self.state[block.column];
+            for q in 0..Q {
+                let mut x = V::load(&state[q]);
+                for r in 0..R {
+                    x = x.plus_product(V::load(&block.values[r][q]), change[r]);
                 }
-            }
-            for (entry, value) in state[block.column].iter_mut().zip(&sum) {
-                *entry += value;
+                x.store(&mut state[q]);
             }
         }
     }
@@ -275,33 +353,39 @@ impl<const R: usize, const D: usize> Delassus<R> for Factored<R, D> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::lanes::Portable;
 
     /// Two contacts of one row: one on body 0 alone, one between bodies 0 and 1.
     fn factored() -> Factored<1, 1> {
-        let rows = BlockRows::new(&[0, 1, 3], &[0, 0, 1], &[1.0, -1.0, 2.0], 2).unwrap();
+        let rows = BlockRows::<1, 1>::new(&[0, 1, 3], &[0, 0, 1], &[1.0, -1.0, 2.0], 2).unwrap();
         Factored::new(rows, 2)
+    }
+
+    fn row(system: &impl Delassus<1>, i: usize) -> Vector<1> {
+        let [velocity] = system.velocity::<Portable>(system.place(i), &[0.0]);
+        [velocity.first()]
     }
 
     #[test]
     fn factored_rows_are_those_of_the_product() {
         let mut system = factored();
-        system.set(&[[3.0], [5.0]]);
+        system.set::<Portable>(&[[3.0], [5.0]]);
         // A = [1, -1; -1, 5]
-        assert_eq!((system.row(0), system.row(1)), ([-2.0], [22.0]));
+        assert_eq!((row(&system, 0), row(&system, 1)), ([-2.0], [22.0]));
         assert_eq!(
             (system.diagonal_block(0), system.diagonal_block(1)),
             ([[1.0]], [[5.0]])
         );
-        system.add(1, &[1.0]);
-        assert_eq!((system.row(0), system.row(1)), ([-3.0], [27.0]));
+        system.add(system.place(1), &[Portable::splat(1.0)]);
+        assert_eq!((row(&system, 0), row(&system, 1)), ([-3.0], [27.0]));
     }
 
     #[test]
     fn explicit_rows_are_those_of_the_matrix() {
         let rows = BlockRows::new(&[0, 2, 4], &[0, 1, 0, 1], &[1.0, -1.0, -1.0, 5.0], 2).unwrap();
         let mut system = Explicit::<1>::new(rows);
-        system.set(&[[3.0], [5.0]]);
-        assert_eq!((system.row(0), system.row(1)), ([-2.0], [22.0]));
+        system.set::<Portable>(&[[3.0], [5.0]]);
+        assert_eq!((row(&system, 0), row(&system, 1)), ([-2.0], [22.0]));
         assert_eq!(system.diagonal_block(1), [[5.0]]);
     }
 

@@ -3,6 +3,7 @@
 //! Both slide on the boundary of the cone, with u_t = -α p_t for some α > 0 that one scalar equation determines.
 
 use crate::contact::{Contact, Law};
+use crate::heading::Heading;
 use crate::small_matrix::{
     Matrix, Vector, cholesky, dot, lower_inverse, symmetric_eigen, tangent_length, transposed,
 };
@@ -20,8 +21,9 @@ pub struct SlidingBasis<const R: usize> {
     stiffness: Vector<R>,
     /// A_nt in that basis.
     coupling: Vector<R>,
-    /// α of the last slide.
+    /// α of the last exact slide.
     last: f64,
+    heading: Heading,
 }
 
 /// A_ii and D = diag(-μ², 1, 1) diagonalised together: VᵀA V = 1, VᵀD V = |λ₀| diag(-1, κ₁, κ₂).
@@ -30,6 +32,7 @@ pub struct ConeBasis<const R: usize> {
     kappa: Vector<R>,
     /// The unknown of the last slide, for g₀ ≥ 0 and g₀ < 0.
     last: [f64; 2],
+    heading: Heading,
 }
 
 impl<const R: usize> Law<R> for Coulomb {
@@ -54,13 +57,14 @@ impl<const R: usize> Law<R> for Coulomb {
             stiffness,
             coupling,
             last: 0.0,
+            heading: Heading::default(),
         }
     }
 
     /// μ‖b_t‖ ≤ b_n + μ‖b_t‖: the correction makes only the normal matter.
     #[inline(always)]
-    fn separates(&self, _friction: f64, b: &Vector<R>) -> bool {
-        b[0] >= 0.0
+    fn separates(&self, contact: &Contact<R>, impulse: &Vector<R>, velocity: &Vector<R>) -> bool {
+        contact.normal_velocity_without(impulse, velocity) >= 0.0
     }
 
     #[inline(always)]
@@ -74,6 +78,7 @@ impl<const R: usize> Law<R> for Coulomb {
     /// h(α) = μ p_n/‖p_t‖ - 1 = 0, which is linear in α where S is a multiple of the identity. h(0) < 0, because the
     /// sticking impulse lies outside the cone, and h grows beyond bounds with α, because b_n < 0: there is a root.
     /// It is the only one unless friction and coupling are so strong that sliding itself is ambiguous (Painlevé).
+    #[inline(never)]
     fn slide(
         &self,
         contact: &Contact<R>,
@@ -123,7 +128,19 @@ impl<const R: usize> Law<R> for Coulomb {
                 .map(|r| contact.block[0][r] * impulse[r])
                 .sum::<f64>())
             / normal;
-        Some(onto_boundary(contact.friction, &impulse))
+        let impulse = onto_boundary(contact.friction, &impulse);
+        local.heading = Heading::of(&impulse);
+        Some(impulse)
+    }
+
+    #[inline(always)]
+    fn slide_on(
+        &self,
+        contact: &Contact<R>,
+        local: &mut SlidingBasis<R>,
+        b: &Vector<R>,
+    ) -> Option<Vector<R>> {
+        local.heading.follow::<R, false>(contact, b)
     }
 
     #[inline]
@@ -155,6 +172,7 @@ impl<const R: usize> Law<R> for ConvexCone {
                 vectors: [[0.0; R]; R],
                 kappa: [0.0; R],
                 last: [1.0, 0.0],
+                heading: Heading::default(),
             };
         };
         let inverse = lower_inverse(&lower);
@@ -193,12 +211,14 @@ impl<const R: usize> Law<R> for ConvexCone {
             vectors: basis,
             kappa: std::array::from_fn(|k| values[order[k]] / negative),
             last: [1.0, 0.0],
+            heading: Heading::default(),
         }
     }
 
     #[inline(always)]
-    fn separates(&self, friction: f64, b: &Vector<R>) -> bool {
-        friction * tangent_length(b) <= b[0]
+    fn separates(&self, contact: &Contact<R>, impulse: &Vector<R>, velocity: &Vector<R>) -> bool {
+        let b = contact.velocity_without(impulse, velocity);
+        b[0] >= 0.0 && contact.friction * tangent_length(&b) <= b[0]
     }
 
     #[inline(always)]
@@ -213,6 +233,7 @@ impl<const R: usize> Law<R> for ConvexCone {
     /// (0, 1) when g₀ < 0 and in (1, ∞) when g₀ > 0. In δ = 1/|1 - β| the equation h = δ|g₀|/N - 1 = 0 is increasing,
     /// and linear where κ₁ = κ₂. The unknown is x > 0 with δ = 1 + x in the first case and δ = x in the second, so
     /// that a small β, which small friction brings, keeps its digits.
+    #[inline(never)]
     fn slide(
         &self,
         contact: &Contact<R>,
@@ -251,7 +272,19 @@ impl<const R: usize> Law<R> for ConvexCone {
             .sum::<f64>()
             .sqrt();
         let impulse: Vector<R> = std::array::from_fn(|r| dot(&local.vectors[r], &y));
-        Some(onto_boundary(contact.friction, &impulse))
+        let impulse = onto_boundary(contact.friction, &impulse);
+        local.heading = Heading::of(&impulse);
+        Some(impulse)
+    }
+
+    #[inline(always)]
+    fn slide_on(
+        &self,
+        contact: &Contact<R>,
+        local: &mut ConeBasis<R>,
+        b: &Vector<R>,
+    ) -> Option<Vector<R>> {
+        local.heading.follow::<R, true>(contact, b)
     }
 
     #[inline]

@@ -14,11 +14,15 @@
 //! force problems*, The Visual Computer 26 (2010). Departures: (1) sweeps go there and back, as conjugacy asks for a
 //! symmetric preconditioner; (2) lengths are measured with the weights d_i, so that they have no unit of their own.
 
+use std::marker::PhantomData;
 use std::time::{Duration, Instant};
 
 use crate::contact::{Contact, Law, Step, local_step};
 use crate::delassus::Delassus;
-use crate::small_matrix::Vector;
+#[cfg(target_arch = "x86_64")]
+use crate::lanes::Fused;
+use crate::lanes::{Lanes, Portable};
+use crate::small_matrix::{Vector, dot};
 
 /// Sweeps between two evaluations of the residual; one evaluation costs about one sweep.
 const CHECK_EVERY: usize = 10;
@@ -89,13 +93,44 @@ pub fn solve<const R: usize, A: Delassus<R>, L: Law<R>>(
     settings: &Settings,
     go_on: &mut dyn FnMut() -> bool,
 ) -> Outcome<R> {
-    let mut sweeper = Sweeper::new(delassus, law, problem, start);
+    #[cfg(target_arch = "x86_64")]
+    if Fused::available() {
+        // SAFETY: the processor has just said that it has what `solve_fused` is compiled for.
+        return unsafe { solve_fused(delassus, law, problem, start, settings, go_on) };
+    }
+    sweep_on::<R, A, L, Portable>(delassus, law, problem, start, settings, go_on)
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "fma")]
+fn solve_fused<const R: usize, A: Delassus<R>, L: Law<R>>(
+    delassus: &mut A,
+    law: &L,
+    problem: &Problem<R>,
+    start: &[Vector<R>],
+    settings: &Settings,
+    go_on: &mut dyn FnMut() -> bool,
+) -> Outcome<R> {
+    sweep_on::<R, A, L, Fused>(delassus, law, problem, start, settings, go_on)
+}
+
+/// Inlined, with all it calls in a sweep, so that it is compiled for the processor of the function around it.
+#[inline(always)]
+fn sweep_on<const R: usize, A: Delassus<R>, L: Law<R>, V: Lanes>(
+    delassus: &mut A,
+    law: &L,
+    problem: &Problem<R>,
+    start: &[Vector<R>],
+    settings: &Settings,
+    go_on: &mut dyn FnMut() -> bool,
+) -> Outcome<R> {
+    let mut sweeper = Sweeper::<R, A, L, V>::new(delassus, law, problem, start);
     let begun = Instant::now();
     let mut polled = begun;
     let mut history = Vec::new();
-    let mut best = (f64::INFINITY, sweeper.impulse.clone());
+    let mut best = (f64::INFINITY, sweeper.impulse());
     let mut milestone = (0, f64::INFINITY);
-    let mut momentum = Momentum::new(&sweeper.impulse);
+    let mut momentum = Momentum::new(&best.1);
     let mut sweeps = 0;
     let stop = loop {
         if sweeps % CHECK_EVERY == 0 || sweeps == settings.max_sweeps {
@@ -109,8 +144,7 @@ pub fn solve<const R: usize, A: Delassus<R>, L: Law<R>>(
             }
             // The start is no candidate: a cold start would often win against the first sweeps and exert nothing.
             if residual < best.0 && sweeps > 0 {
-                best.0 = residual;
-                best.1.copy_from_slice(&sweeper.impulse);
+                best = (residual, sweeper.impulse());
             }
             if residual < (1.0 - LEAST_PROGRESS) * milestone.1 {
                 milestone = (history.len(), residual);
@@ -138,16 +172,12 @@ pub fn solve<const R: usize, A: Delassus<R>, L: Law<R>>(
         if settings.acceleration && sweeps > 0 && !backward {
             sweeper.extrapolate(&mut momentum);
         }
-        if settings.relaxation == 1.0 {
-            sweeper.sweep(backward);
-        } else {
-            sweeper.relaxed_sweep(backward, settings.relaxation);
-        }
+        sweeper.sweep(backward, settings.relaxation);
         sweeps += 1;
     };
     let impulse = match stop {
         Stop::Stalled | Stop::NumericalError => best.1,
-        _ => sweeper.impulse,
+        _ => sweeper.impulse(),
     };
     Outcome {
         impulse,
@@ -177,19 +207,57 @@ impl<const R: usize> Momentum<R> {
     }
 }
 
-struct Sweeper<'a, const R: usize, A, L: Law<R>> {
+/// All that a sweep reads and writes of one contact, side by side.
+struct Visited<const R: usize, Place, Local> {
+    place: Place,
+    impulse: Vector<R>,
+    contact: Contact<R>,
+    local: Local,
+    /// Its number in the system.
+    index: usize,
+}
+
+impl<const R: usize, Place: Copy, Local> Visited<R, Place, Local> {
+    #[inline(always)]
+    fn solve<A: Delassus<R, Place = Place>, L: Law<R, Local = Local>, V: Lanes>(
+        &mut self,
+        delassus: &mut A,
+        law: &L,
+        relaxation: f64,
+    ) {
+        let Self {
+            place,
+            impulse,
+            contact,
+            local,
+            ..
+        } = self;
+        let velocity = delassus.velocity::<V>(*place, &contact.free);
+        let mut step = local_step(law, contact, local, impulse, &velocity);
+        if relaxation != 1.0 {
+            let mut relaxed = *impulse;
+            for r in 0..R {
+                relaxed[r] += relaxation * step.change[r].first();
+            }
+            step = Step::to(law.project(contact.friction, &relaxed), impulse);
+        }
+        *impulse = step.impulse;
+        delassus.add(*place, &step.change);
+    }
+}
+
+struct Sweeper<'a, const R: usize, A: Delassus<R>, L: Law<R>, V> {
     delassus: &'a mut A,
     law: &'a L,
     problem: &'a Problem<'a, R>,
-    /// The contacts that an impulse can move, and the index of each in the system.
-    contacts: Vec<(usize, Contact<R>)>,
-    locals: Vec<L::Local>,
-    /// Indices of the others.
+    /// The contacts that an impulse can move.
+    contacts: Vec<Visited<R, A::Place, L::Local>>,
+    /// Indices of the others; their impulses are zero.
     locked: Vec<usize>,
-    impulse: Vec<Vector<R>>,
+    lanes: PhantomData<V>,
 }
 
-impl<'a, const R: usize, A: Delassus<R>, L: Law<R>> Sweeper<'a, R, A, L> {
+impl<'a, const R: usize, A: Delassus<R>, L: Law<R>, V: Lanes> Sweeper<'a, R, A, L, V> {
     fn new(
         delassus: &'a mut A,
         law: &'a L,
@@ -198,75 +266,65 @@ impl<'a, const R: usize, A: Delassus<R>, L: Law<R>> Sweeper<'a, R, A, L> {
     ) -> Self {
         let mut contacts = Vec::with_capacity(start.len());
         let mut locked = Vec::new();
-        let mut impulse = start.to_vec();
-        for (i, p) in impulse.iter_mut().enumerate() {
-            let block = delassus.diagonal_block(i);
-            if (0..R).any(|r| block[r][r] > 0.0) {
-                contacts.push((
-                    i,
-                    Contact::new(
-                        &block,
-                        problem.target[i],
-                        problem.friction[i],
-                        problem.scale[i],
-                    ),
-                ));
-                if !law.contains(problem.friction[i], p) {
-                    *p = law.project(problem.friction[i], p);
-                }
-            } else {
-                locked.push(i);
-                *p = [0.0; R];
+        for (index, p) in start.iter().enumerate() {
+            let block = delassus.diagonal_block(index);
+            if !(0..R).any(|r| block[r][r] > 0.0) {
+                locked.push(index);
+                continue;
             }
+            let friction = problem.friction[index];
+            let contact = Contact::new(
+                &block,
+                problem.target[index],
+                friction,
+                problem.scale[index],
+            );
+            contacts.push(Visited {
+                place: delassus.place(index),
+                impulse: if law.contains(friction, p) {
+                    *p
+                } else {
+                    law.project(friction, p)
+                },
+                local: law.prepare(&contact),
+                contact,
+                index,
+            });
         }
-        let locals = contacts
-            .iter()
-            .map(|(_, contact)| law.prepare(contact))
-            .collect();
-        delassus.set(&impulse);
         Self {
             delassus,
             law,
             problem,
             contacts,
-            locals,
             locked,
-            impulse,
+            lanes: PhantomData,
         }
     }
 
-    fn sweep(&mut self, backward: bool) {
-        self.visit(backward, |_, _, _, exact| exact);
-    }
-
-    fn relaxed_sweep(&mut self, backward: bool, relaxation: f64) {
-        self.visit(backward, |law, friction, old, exact| {
-            let relaxed = std::array::from_fn(|r| old[r] + relaxation * exact.change[r]);
-            Step::to(law.project(friction, &relaxed), old)
-        });
+    /// The impulses in the order of the system.
+    fn impulse(&self) -> Vec<Vector<R>> {
+        let mut impulse = vec![[0.0; R]; self.delassus.len()];
+        for visited in &self.contacts {
+            impulse[visited.index] = visited.impulse;
+        }
+        impulse
     }
 
     #[inline(always)]
-    fn visit(&mut self, backward: bool, relax: impl Fn(&L, f64, &Vector<R>, Step<R>) -> Step<R>) {
-        let count = self.contacts.len();
-        for place in 0..count {
-            let place = if backward { count - 1 - place } else { place };
-            let ((i, contact), local) = (&self.contacts[place], &mut self.locals[place]);
-            let row = self.delassus.row(*i);
-            let velocity: Vector<R> = std::array::from_fn(|r| row[r] - contact.target[r]);
-            let old = self.impulse[*i];
-            let step = relax(
-                self.law,
-                contact.friction,
-                &old,
-                local_step(self.law, contact, local, &old, &velocity),
-            );
-            self.impulse[*i] = step.impulse;
-            self.delassus.add(*i, &step.change);
+    fn sweep(&mut self, backward: bool, relaxation: f64) {
+        if backward {
+            for visited in self.contacts.iter_mut().rev() {
+                visited.solve::<A, L, V>(self.delassus, self.law, relaxation);
+            }
+        } else {
+            for visited in &mut self.contacts {
+                visited.solve::<A, L, V>(self.delassus, self.law, relaxation);
+            }
         }
     }
 
     /// Start the next two sweeps further along; the iterate may leave the cones until they have visited it.
+    #[inline(always)]
     fn extrapolate(&mut self, momentum: &mut Momentum<R>) {
         let Momentum {
             before,
@@ -274,9 +332,10 @@ impl<'a, const R: usize, A: Delassus<R>, L: Law<R>> Sweeper<'a, R, A, L> {
             square,
         } = momentum;
         let mut length = 0.0;
-        for (i, contact) in &self.contacts {
-            let gradient: Vector<R> = std::array::from_fn(|r| self.impulse[*i][r] - before[*i][r]);
-            length += contact.scale * gradient.iter().map(|value| value * value).sum::<f64>();
+        for visited in &self.contacts {
+            let (p, start) = (&visited.impulse, &before[visited.index]);
+            let gradient: Vector<R> = std::array::from_fn(|r| p[r] - start[r]);
+            length += visited.contact.scale * dot(&gradient, &gradient);
         }
         let beta = if length <= *square && *square > 0.0 {
             length / *square
@@ -284,8 +343,11 @@ impl<'a, const R: usize, A: Delassus<R>, L: Law<R>> Sweeper<'a, R, A, L> {
             0.0
         };
         *square = length;
-        for (i, _) in &self.contacts {
-            let (p, start, d) = (&mut self.impulse[*i], &mut before[*i], &mut direction[*i]);
+        for Visited {
+            impulse: p, index, ..
+        } in &mut self.contacts
+        {
+            let (start, d) = (&mut before[*index], &mut direction[*index]);
             for r in 0..R {
                 let gradient = p[r] - start[r];
                 let step = beta * d[r];
@@ -294,31 +356,46 @@ impl<'a, const R: usize, A: Delassus<R>, L: Law<R>> Sweeper<'a, R, A, L> {
                 d[r] = step + gradient;
             }
         }
-        self.delassus.set(&self.impulse);
+        self.delassus.set::<V>(before);
+    }
+
+    #[inline(always)]
+    fn velocity(&self, place: A::Place, free: &Vector<R>) -> Vector<R> {
+        let lanes = self.delassus.velocity::<V>(place, free);
+        let mut velocity = [0.0; R];
+        for r in 0..R {
+            velocity[r] = lanes[r].first();
+        }
+        velocity
     }
 
     /// The residual of the whole problem; also clears the rounding that the changes have left in w = Ĵᵀ p.
+    #[inline(always)]
     fn residual(&mut self) -> f64 {
-        self.delassus.set(&self.impulse);
+        self.delassus.set::<V>(&self.impulse());
+        let law = self.law;
+        let mut square = 0.0;
+        for Visited {
+            place,
+            contact,
+            impulse,
+            ..
+        } in &self.contacts
+        {
+            let velocity = self.velocity(*place, &contact.free);
+            let map = law.natural_map(contact.friction, contact.scale, impulse, &velocity);
+            square += dot(&map, &map);
+        }
         let Problem {
             target,
             friction,
             scale,
             target_norm,
         } = *self.problem;
-        let mut square = 0.0;
-        for i in self
-            .contacts
-            .iter()
-            .map(|(i, _)| *i)
-            .chain(self.locked.iter().copied())
-        {
-            let row = self.delassus.row(i);
-            let velocity: Vector<R> = std::array::from_fn(|r| row[r] - target[i][r]);
-            let map = self
-                .law
-                .natural_map(friction[i], scale[i], &self.impulse[i], &velocity);
-            square += map.iter().map(|value| value * value).sum::<f64>();
+        for &i in &self.locked {
+            let velocity = self.velocity(self.delassus.place(i), &target[i].map(|value| -value));
+            let map = law.natural_map(friction[i], scale[i], &[0.0; R], &velocity);
+            square += dot(&map, &map);
         }
         if square == 0.0 {
             0.0
@@ -370,7 +447,7 @@ mod tests {
             target_norm: 1.0,
         };
         let mut delassus =
-            Factored::<1, 1>::new(BlockRows::new(&ends, &bodies, &data, n).unwrap(), n);
+            Factored::<1, 1>::new(BlockRows::<1, 1>::new(&ends, &bodies, &data, n).unwrap(), n);
         solve(
             &mut delassus,
             &Coulomb,

@@ -16,6 +16,16 @@ pub struct Polygon<const R: usize> {
     /// Unit outward normal of the edge from each corner to the next, and its distance from the centre.
     outward: Vec<(Vector<R>, f64)>,
     lengths: Vec<f64>,
+    /// Square of the radius of the largest disc around the centre.
+    inner: f64,
+}
+
+/// Where on the polygon a contact slides.
+#[derive(Clone, Copy, Debug)]
+pub enum Feature {
+    Corner(usize),
+    /// The edge from this corner to the next.
+    Edge(usize),
 }
 
 impl<const R: usize> Polygon<R> {
@@ -38,7 +48,9 @@ impl<const R: usize> Polygon<R> {
             along.push(unit);
             lengths.push(length);
         }
+        let inner = outward.iter().map(|(_, support)| support * support);
         Self {
+            inner: inner.fold(f64::INFINITY, f64::min),
             corners,
             along,
             outward,
@@ -47,9 +59,12 @@ impl<const R: usize> Polygon<R> {
     }
 
     fn holds(&self, radius: f64, tangent: &Vector<R>) -> bool {
-        self.outward
-            .iter()
-            .all(|(normal, support)| dot(normal, tangent) <= radius * support)
+        let square: f64 = tangent[1..].iter().map(|value| value * value).sum();
+        square <= radius * radius * self.inner
+            || self
+                .outward
+                .iter()
+                .all(|(normal, support)| dot(normal, tangent) <= radius * support)
     }
 
     /// The point of radius · P nearest to a tangent vector (whose normal entry is ignored).
@@ -78,6 +93,20 @@ impl<const R: usize> Polygon<R> {
             }
         }
         best.0
+    }
+
+    #[inline(always)]
+    fn at(
+        &self,
+        feature: Feature,
+        contact: &Contact<R>,
+        b: &Vector<R>,
+    ) -> Option<(Vector<R>, f64)> {
+        match feature {
+            Feature::Corner(j) => self.at_corner(contact, b, j),
+            Feature::Edge(j) if R == 3 => self.on_edge(contact, b, j),
+            Feature::Edge(_) => None,
+        }
     }
 
     /// Sliding at corner j: the impulse, and by how much the velocity (m/s) fails to prefer this corner.
@@ -131,13 +160,15 @@ fn velocity<const R: usize>(contact: &Contact<R>, b: &Vector<R>, impulse: &Vecto
 }
 
 impl<const R: usize> Law<R> for Polygon<R> {
-    type Local = ();
+    type Local = Feature;
 
-    fn prepare(&self, _contact: &Contact<R>) {}
+    fn prepare(&self, _contact: &Contact<R>) -> Feature {
+        Feature::Corner(0)
+    }
 
     #[inline(always)]
-    fn separates(&self, _friction: f64, b: &Vector<R>) -> bool {
-        b[0] >= 0.0
+    fn separates(&self, contact: &Contact<R>, impulse: &Vector<R>, velocity: &Vector<R>) -> bool {
+        contact.normal_velocity_without(impulse, velocity) >= 0.0
     }
 
     #[inline(always)]
@@ -150,24 +181,35 @@ impl<const R: usize> Law<R> for Polygon<R> {
     /// Try every corner and every edge; the first that satisfies the law is it.
     ///
     /// Where rounding leaves none, or strong coupling leaves truly none, the one that fails by least is taken.
-    fn slide(&self, contact: &Contact<R>, _local: &mut (), b: &Vector<R>) -> Option<Vector<R>> {
+    fn slide(&self, contact: &Contact<R>, local: &mut Feature, b: &Vector<R>) -> Option<Vector<R>> {
         let mut best: Option<(Vector<R>, f64)> = None;
         for j in 0..self.corners.len() {
-            let edge = if R == 3 {
-                self.on_edge(contact, b, j)
-            } else {
-                None
-            };
-            for (impulse, excess) in [self.at_corner(contact, b, j), edge].into_iter().flatten() {
-                if excess <= 0.0 {
-                    return Some(impulse);
-                }
+            for feature in [Feature::Corner(j), Feature::Edge(j)] {
+                let Some((impulse, excess)) = self.at(feature, contact, b) else {
+                    continue;
+                };
                 if best.is_none_or(|(_, least)| excess < least) {
                     best = Some((impulse, excess));
+                    *local = feature;
+                }
+                if excess <= 0.0 {
+                    return Some(impulse);
                 }
             }
         }
         best.map(|(impulse, _)| impulse)
+    }
+
+    /// Try what it was last.
+    #[inline(always)]
+    fn slide_on(
+        &self,
+        contact: &Contact<R>,
+        local: &mut Feature,
+        b: &Vector<R>,
+    ) -> Option<Vector<R>> {
+        let (impulse, excess) = self.at(*local, contact, b)?;
+        (excess <= 0.0 && impulse.iter().all(|value| value.is_finite())).then_some(impulse)
     }
 
     fn project(&self, friction: f64, impulse: &Vector<R>) -> Vector<R> {

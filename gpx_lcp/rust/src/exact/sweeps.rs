@@ -33,10 +33,10 @@ pub fn gauss_seidel(
             _ => explicit::<3>(a, problem, limits, most, best),
         },
         Operator::Velocity(factor) => match (factor.height, factor.width) {
-            (1, 1) => factored::<1, 1>(factor, problem, limits, most, best),
-            (2, 3) => factored::<2, 3>(factor, problem, limits, most, best),
-            (3, 3) => factored::<3, 3>(factor, problem, limits, most, best),
-            (3, 6) => factored::<3, 6>(factor, problem, limits, most, best),
+            (1, 1) => factored::<1, 1, 1>(factor, problem, limits, most, best),
+            (2, 3) => factored::<2, 3, 2>(factor, problem, limits, most, best),
+            (3, 3) => factored::<3, 3, 2>(factor, problem, limits, most, best),
+            (3, 6) => factored::<3, 6, 3>(factor, problem, limits, most, best),
             // Any other shape of body is rare enough to go without.
             _ => {}
         },
@@ -59,14 +59,14 @@ fn explicit<const R: usize>(
     );
 }
 
-fn factored<const R: usize, const D: usize>(
+fn factored<const R: usize, const D: usize, const Q: usize>(
     factor: &BlockMatrix,
     problem: &Problem,
     limits: &Limits,
     most: impl FnOnce() -> f64,
     best: &mut Best,
 ) {
-    let delassus = Factored::new(block_rows::<R, D>(factor), factor.block_columns);
+    let delassus = Factored::<R, Q>::new(block_rows::<R, D>(factor), factor.block_columns);
     with_law::<R, _>(delassus, problem, limits, most, best);
 }
 

@@ -95,15 +95,15 @@ pub fn gauss_seidel<'py>(
     effort: Effort<'py>,
 ) -> PyResult<Answer<'py>> {
     match (question.rows, matrix.factored, matrix.block_columns) {
-        (1, true, 1) => factored::<1, 1>(py, &matrix, &question, &effort),
-        (1, true, 3) => factored::<1, 3>(py, &matrix, &question, &effort),
-        (1, true, 6) => factored::<1, 6>(py, &matrix, &question, &effort),
-        (2, true, 1) => factored::<2, 1>(py, &matrix, &question, &effort),
-        (2, true, 3) => factored::<2, 3>(py, &matrix, &question, &effort),
-        (2, true, 6) => factored::<2, 6>(py, &matrix, &question, &effort),
-        (3, true, 1) => factored::<3, 1>(py, &matrix, &question, &effort),
-        (3, true, 3) => factored::<3, 3>(py, &matrix, &question, &effort),
-        (3, true, 6) => factored::<3, 6>(py, &matrix, &question, &effort),
+        (1, true, 1) => factored::<1, 1, 1>(py, &matrix, &question, &effort),
+        (1, true, 3) => factored::<1, 3, 2>(py, &matrix, &question, &effort),
+        (1, true, 6) => factored::<1, 6, 3>(py, &matrix, &question, &effort),
+        (2, true, 1) => factored::<2, 1, 1>(py, &matrix, &question, &effort),
+        (2, true, 3) => factored::<2, 3, 2>(py, &matrix, &question, &effort),
+        (2, true, 6) => factored::<2, 6, 3>(py, &matrix, &question, &effort),
+        (3, true, 1) => factored::<3, 1, 1>(py, &matrix, &question, &effort),
+        (3, true, 3) => factored::<3, 3, 2>(py, &matrix, &question, &effort),
+        (3, true, 6) => factored::<3, 6, 3>(py, &matrix, &question, &effort),
         (1, false, 1) => explicit::<1>(py, &matrix, &question, &effort),
         (2, false, 2) => explicit::<2>(py, &matrix, &question, &effort),
         (3, false, 3) => explicit::<3>(py, &matrix, &question, &effort),
@@ -113,14 +113,19 @@ pub fn gauss_seidel<'py>(
     }
 }
 
-fn factored<'py, const R: usize, const D: usize>(
+fn factored<'py, const R: usize, const D: usize, const Q: usize>(
     py: Python<'py>,
     matrix: &Rows<'py>,
     question: &Question<'py>,
     effort: &Effort<'py>,
 ) -> PyResult<Answer<'py>> {
     let rows = block_rows::<R, D>(matrix)?;
-    with_law(py, Factored::new(rows, matrix.columns), question, effort)
+    with_law(
+        py,
+        Factored::<R, Q>::new(rows, matrix.columns),
+        question,
+        effort,
+    )
 }
 
 fn explicit<'py, const R: usize>(
