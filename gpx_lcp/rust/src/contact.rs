@@ -173,18 +173,22 @@ pub fn local_step<const R: usize, L: Law<R>, V: Lanes>(
             change,
         };
     }
-    Step::to(leave_interior(law, contact, local, impulse, u), impulse)
+    Step::to(
+        leave_interior(law, contact, local, impulse, *velocity),
+        impulse,
+    )
 }
 
 /// Not inlined, and given the velocity by value, so that contacts which stick do not prepare for it.
 #[inline(never)]
-fn leave_interior<const R: usize, L: Law<R>>(
+fn leave_interior<const R: usize, L: Law<R>, V: Lanes>(
     law: &L,
     contact: &Contact<R>,
     local: &mut L::Local,
     impulse: &Vector<R>,
-    velocity: Vector<R>,
+    velocity: [V; R],
 ) -> Vector<R> {
+    let velocity = velocity.map(V::first);
     let b = contact.velocity_without(impulse, &velocity);
     if R == 1 || contact.friction == 0.0 {
         let found = contact.frictionless(&b);

@@ -172,7 +172,11 @@ fn sweep_on<const R: usize, A: Delassus<R>, L: Law<R>, V: Lanes>(
         if settings.acceleration && sweeps > 0 && !backward {
             sweeper.extrapolate(&mut momentum);
         }
-        sweeper.sweep(backward, settings.relaxation);
+        if settings.relaxation == 1.0 {
+            sweeper.sweep::<false>(backward, 1.0);
+        } else {
+            sweeper.sweep::<true>(backward, settings.relaxation);
+        }
         sweeps += 1;
     };
     let impulse = match stop {
@@ -219,12 +223,15 @@ struct Visited<const R: usize, Place, Local> {
 
 impl<const R: usize, Place: Copy, Local> Visited<R, Place, Local> {
     #[inline(always)]
-    fn solve<A: Delassus<R, Place = Place>, L: Law<R, Local = Local>, V: Lanes>(
+    fn solve<A, L, V: Lanes, const RELAXED: bool>(
         &mut self,
         delassus: &mut A,
         law: &L,
         relaxation: f64,
-    ) {
+    ) where
+        A: Delassus<R, Place = Place>,
+        L: Law<R, Local = Local>,
+    {
         let Self {
             place,
             impulse,
@@ -234,7 +241,7 @@ impl<const R: usize, Place: Copy, Local> Visited<R, Place, Local> {
         } = self;
         let velocity = delassus.velocity::<V>(*place, &contact.free);
         let mut step = local_step(law, contact, local, impulse, &velocity);
-        if relaxation != 1.0 {
+        if RELAXED {
             let mut relaxed = *impulse;
             for r in 0..R {
                 relaxed[r] += relaxation * step.change[r].first();
@@ -311,14 +318,14 @@ impl<'a, const R: usize, A: Delassus<R>, L: Law<R>, V: Lanes> Sweeper<'a, R, A, 
     }
 
     #[inline(always)]
-    fn sweep(&mut self, backward: bool, relaxation: f64) {
+    fn sweep<const RELAXED: bool>(&mut self, backward: bool, relaxation: f64) {
         if backward {
             for visited in self.contacts.iter_mut().rev() {
-                visited.solve::<A, L, V>(self.delassus, self.law, relaxation);
+                visited.solve::<A, L, V, RELAXED>(self.delassus, self.law, relaxation);
             }
         } else {
             for visited in &mut self.contacts {
-                visited.solve::<A, L, V>(self.delassus, self.law, relaxation);
+                visited.solve::<A, L, V, RELAXED>(self.delassus, self.law, relaxation);
             }
         }
     }
