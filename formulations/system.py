@@ -83,6 +83,7 @@ class StackedSystem:
         self.jacobian: sp.bsr_array | None = None
         self.inverse_mass: Array | None = None
         self.free_velocity: Array | None = None
+        self._whitened_blocks: Array | None = None
 
     @classmethod
     def from_jacobian(
@@ -93,6 +94,7 @@ class StackedSystem:
         friction: npt.ArrayLike,
         *,
         free_velocity: npt.ArrayLike | None = None,
+        whitened_blocks: npt.ArrayLike | None = None,
     ) -> StackedSystem:
         """Make the system from its factors, A = J M⁻¹ Jᵀ.
 
@@ -108,11 +110,15 @@ class StackedSystem:
         friction : (n,) array
         free_velocity : (nv,) array, m/s and rad/s, optional
             The body velocities before any contact impulse. Only the certificate's energy balance needs them.
+        whitened_blocks : (blocks, rows, D) array, 1/√kg, optional
+            The blocks of Ĵ = J L, M⁻¹ = L Lᵀ, in the order of those of J, where the caller has them; worked out
+            otherwise.
 
         Raises
         ------
         ProblemError
-            As the constructor, and when M⁻¹ is not symmetric positive semidefinite.
+            As the constructor, when M⁻¹ is not symmetric positive semidefinite, and when the rows of Ĵ have not the
+            lengths that J and M⁻¹ give.
         """
         self = cls.__new__(cls)
         self._start(B, friction)
@@ -122,6 +128,9 @@ class StackedSystem:
         self.jacobian = _checked_jacobian(jacobian, self.B.size, bodies * body_size, (self.rows, body_size))
         size = (bodies * body_size,)
         self.free_velocity = None if free_velocity is None else freeze(as_array("free_velocity", free_velocity, size))
+        if whitened_blocks is not None:
+            whitened_blocks = _checked_whitening(self.jacobian, self.inverse_mass, whitened_blocks)
+        self._whitened_blocks = whitened_blocks
         return self
 
     def _start(self, B: npt.ArrayLike, friction: npt.ArrayLike) -> None:
@@ -165,8 +174,10 @@ class StackedSystem:
         """Ĵ = J L with M⁻¹ = L Lᵀ, so that A = Ĵ Ĵᵀ; None where the system carries A alone. Unit: 1/√kg."""
         if self.jacobian is None or self.inverse_mass is None:
             return None
-        factors = _semidefinite_factors(self.inverse_mass)
-        data = np.einsum("krd,kde->kre", self.jacobian.data, factors[self.jacobian.indices])
+        data = self._whitened_blocks
+        if data is None:
+            factors = _semidefinite_factors(self.inverse_mass)
+            data = np.einsum("krd,kde->kre", self.jacobian.data, factors[self.jacobian.indices])
         return sp.bsr_array((data, self.jacobian.indices, self.jacobian.indptr), shape=self.jacobian.shape)
 
     @cached_property
@@ -366,6 +377,22 @@ def _checked_jacobian(jacobian: Any, rows: int, columns: int, blocksize: tuple[i
         )
     blocks.data.flags.writeable = False
     return blocks
+
+
+def _checked_whitening(jacobian: sp.bsr_array, inverse_mass: Array, value: npt.ArrayLike) -> Array:
+    if not jacobian.data.size:
+        return freeze(np.zeros(jacobian.data.shape))
+    blocks = as_array("whitened_blocks", value, jacobian.data.shape)
+    wanted = np.einsum("krd,kde,kre->kr", jacobian.data, inverse_mass[jacobian.indices], jacobian.data)
+    found = np.einsum("kre,kre->kr", blocks, blocks)
+    wrong = np.abs(found - wanted) > 1e-9 * wanted.max(initial=0.0)
+    if wrong.any():
+        block, row = (int(i) for i in np.argwhere(wrong)[0])
+        raise ProblemError(
+            f"row {row} of whitened_blocks[{block}] has the square {found[block, row]:g}, "
+            f"but J and M⁻¹ give {wanted[block, row]:g}"
+        )
+    return freeze(blocks)
 
 
 def _semidefinite_factors(blocks: Array) -> Array:

@@ -78,6 +78,37 @@ def solve(
     BackendError
         When a backend fails in a way of its own.
     """
+    row, request = posed(
+        system,
+        formulation,
+        solver,
+        tolerance=tolerance,
+        max_iterations=max_iterations,
+        time_limit=time_limit,
+        facets=facets,
+        **settings,
+    )
+    extras: dict[str, Any] = {}
+    if warm_start is not None:
+        guess, moved = _checked_warm_start(row, request, warm_start)
+        request = replace(request, warm_start=guess)
+        extras["warm_start_moved"] = moved
+    outcome = row.run(request) if system.B.any() else _nothing_to_do(request)
+    return judged(request, row, outcome, extras)
+
+
+def posed(
+    system: StackedSystem,
+    formulation: str | None = None,
+    solver: str | None = None,
+    *,
+    tolerance: float = 1e-8,
+    max_iterations: int | None = None,
+    time_limit: float | None = None,
+    facets: int = DEFAULT_FACETS,
+    **settings: Any,
+) -> tuple[Solver, Request]:
+    """Check a question as `solve` takes it; return the solver's row and the request, without a warm start."""
     if not isinstance(system, StackedSystem):
         raise ProblemError(f"system is a {type(system).__name__}: a StackedSystem is needed")
     if formulation is None:
@@ -96,13 +127,7 @@ def solve(
         facets=facets,
         settings=_checked_settings(row, settings),
     )
-    extras: dict[str, Any] = {}
-    if warm_start is not None:
-        guess, moved = _checked_warm_start(row, request, warm_start)
-        request = replace(request, warm_start=guess)
-        extras["warm_start_moved"] = moved
-    outcome = row.run(request) if system.B.any() else _nothing_to_do(request)
-    return _judged(request, row, outcome, extras)
+    return row, request
 
 
 def _default_formulation(system: StackedSystem, solver: str | None) -> str:
@@ -112,7 +137,7 @@ def _default_formulation(system: StackedSystem, solver: str | None) -> str:
     return "normal" if frictionless else "coulomb"
 
 
-def _judged(request: Request, row: Solver, outcome: Outcome, extras: Mapping[str, Any]) -> Solution:
+def judged(request: Request, row: Solver, outcome: Outcome, extras: Mapping[str, Any]) -> Solution:
     """Turn what a solver says into what is true: SOLVED is what the program's residual says."""
     system = request.system
     residual = RESIDUALS[outcome.program](system, outcome.impulse, request.facets)

@@ -8,14 +8,16 @@ A step of length dt takes the state (x, v) to the next:
     p with u = A p - B and the law of contact                                   `gpx.solve`
     v⁺ = v_free + M⁻¹ Jᵀ p,  x⁺ = x + dt v⁺                                     semi-implicit Euler
 
-Every stage but the solver runs in the core; the solver is any of `gpx.solvers()`.
+Every stage but the solver runs in the core; the solver is any of `gpx.solvers()`. Solvers that the core has itself
+(their row in the table says what `native` kernel they are) run there too: then `step(n)` is one call.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from functools import cache
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -26,16 +28,11 @@ from formulations.checks import Array, as_array, freeze
 from gpx_lcp import _core
 from gpx_lcp.errors import ProblemError, SettingsError
 from gpx_lcp.materials import COMBINE_RULES
+from gpx_lcp.native import NativeSolver
 from gpx_lcp.scene import Body, Scene
-from gpx_lcp.solution import Solution
+from gpx_lcp.solution import Solution, Status
 from gpx_lcp.solve import solve
 from gpx_lcp.solvers import solvers
-
-# Overlap that is left alone, as a share of the smaller body's bounding radius: 0.09 mm for a cube of 1 m.
-SLOP: Final = 1e-4
-# The share of the overlap beyond that which one step takes out.
-CORRECTION: Final = 0.2
-CORRECTION_SWEEPS: Final = 20
 
 
 @dataclass(frozen=True)
@@ -74,12 +71,25 @@ class Contacts:
 
 @dataclass(frozen=True)
 class _Instant:
-    """All that a step changes, so that an interrupted step changes nothing."""
+    """All that a step changes, so that an interrupted step changes nothing.
+
+    `solution` works the Solution out, once; `step` is what the core keeps of a step of its own.
+    """
 
     steps: int
+    unsolved: int
     state: _core.State
-    contacts: _core.Contacts | None
-    solution: Solution | None
+    contacts: _core.Contacts | None = None
+    solution: Callable[[], Solution] | None = None
+    step: _core.Step | None = None
+
+    def impulse(self) -> Array:
+        """Return the contacts' impulses as (n, 3), also where they have one row or no step has been taken."""
+        impulse = np.zeros((0 if self.contacts is None else len(self.contacts), 3))
+        if self.solution is not None:
+            found = self.solution().impulse if self.step is None else self.step.impulse
+            impulse[:, : found.shape[1]] = found
+        return impulse
 
 
 class World:
@@ -118,6 +128,9 @@ class World:
     * Overlap beyond 1e-4 of the smaller body's bounding radius is taken out by a fifth per step through a projection
       of the positions, min ½ ΔxᵀMΔx over J_n Δx ≥ what is asked of each contact. It never enters the velocities: a
       velocity term (Baumgarte) would throw a cube that overlaps by 1 cm up with 0.48 m/s at 240 steps a second.
+    * With a solver of the core itself ("pgs", "newton", "interior_point") `step(n)` is one call: the steps cost no
+      Python, and other threads run meanwhile. Results do not depend on how n is divided. Any other solver is called
+      from Python once a step. `solution` is of the last step; `unsolved_steps` counts those above the tolerance.
     * An impact of pair elasticity e > 1 leaves with (e - 1) times the closing speed of the step's start, if that is
       above 2 g dt; it happens in the step that would close the gap, up to one step's travel above the surface.
 
@@ -167,7 +180,9 @@ class World:
             _table(self._bodies, "orientation", width=4),
             _table(self._bodies, "velocity", "angular_velocity"),
         )
-        self._now = _Instant(steps=0, state=state, contacts=None, solution=None)
+        self._native = NativeSolver.of(self._rows, self._effort)
+        self._native_settings = {} if self._native is None else self._native.settings()
+        self._now = _Instant(steps=0, unsolved=0, state=state)
 
     @property
     def bodies(self) -> tuple[Body, ...]:
@@ -202,7 +217,12 @@ class World:
     @property
     def solution(self) -> Solution | None:
         """What the solver gave in the last step; None before the first."""
-        return self._now.solution
+        return None if self._now.solution is None else self._now.solution()
+
+    @property
+    def unsolved_steps(self) -> int:
+        """How many of the steps so far ended above the tolerance: their solution's status is not SOLVED."""
+        return self._now.unsolved
 
     @property
     def gravity(self) -> Array:
@@ -238,21 +258,24 @@ class World:
         """
         if isinstance(steps, bool) or not isinstance(steps, int | np.integer) or steps < 0:
             raise SettingsError(f"steps is {steps!r}: it must be a whole number, not negative")
+        if self._native is not None:
+            self._take_native_steps(self._native, int(steps))
+            return
         for _ in range(steps):
             self._now = self._next()
 
     def system(self) -> StackedSystem:
         """Return the stacked system that the next step would solve."""
         free = self._free_velocities()
-        return self._stack(self._detect(free), free)
+        return self._system(self._stack(self._detect(free), free))
 
     @property
     def contacts(self) -> Contacts:
         """The contacts of the last step with their impulses; before the first step, those of the start without any."""
-        contacts, solution = self._now.contacts, self._now.solution
+        contacts, impulse = self._now.contacts, self._now.impulse()
         if contacts is None:
             contacts = self._detect(self._free_velocities())
-        impulse = _three_rows(len(contacts), solution)
+            impulse = np.zeros((len(contacts), 3))
         frames = contacts.frames
         return Contacts(
             body_a=contacts.body_a,
@@ -271,79 +294,91 @@ class World:
 
     def _free_velocities(self) -> Array:
         forces = as_array("forces", self._forces, (len(self._bodies), 6))
-        gravity = (float(self._gravity[0]), float(self._gravity[1]), float(self._gravity[2]))
-        free = self._core.free_velocities(self._now.state, forces, gravity, self._time_step)
+        free = self._core.free_velocities(self._now.state, forces, self._gravity_numbers(), self._time_step)
         self._require_finite(free)
         return free
+
+    def _gravity_numbers(self) -> tuple[float, float, float]:
+        x, y, z = self._gravity.tolist()
+        return x, y, z
 
     def _detect(self, free: Array) -> _core.Contacts:
         return self._core.detect(self._now.state, free, self._time_step)
 
-    def _stack(self, contacts: _core.Contacts, free: Array) -> StackedSystem:
-        state = self._now.state
+    def _stack(self, contacts: _core.Contacts, free: Array) -> _core.Stack:
         strength = float(np.linalg.norm(self._gravity))
-        starts, columns, blocks, B = self._core.stack(
-            state, contacts, free, self._time_step, strength, self._rows, self._columns
-        )
-        return StackedSystem.from_jacobian(
-            self._jacobian(starts, columns, blocks),
-            self._core.inverse_mass(state, self._columns),
-            B,
-            contacts.friction,
-            free_velocity=free[:, : self._columns].ravel(),
-        )
+        return self._core.stack(self._now.state, contacts, free, self._time_step, strength, self._rows, self._columns)
 
-    def _jacobian(self, starts: npt.NDArray[np.int32], columns: npt.NDArray[np.int32], blocks: Array) -> sp.bsr_array:
-        shape = ((starts.size - 1) * blocks.shape[1], len(self._bodies) * blocks.shape[2])
-        return sp.bsr_array((blocks, columns, starts), shape=shape)
+    def _system(self, stack: _core.Stack) -> StackedSystem:
+        starts, columns, blocks, whitened = stack.jacobian()
+        shape = ((starts.size - 1) * self._rows, len(self._bodies) * self._columns)
+        return StackedSystem.from_jacobian(
+            sp.bsr_array((blocks, columns, starts), shape=shape),
+            stack.inverse_mass(),
+            stack.target,
+            stack.friction,
+            free_velocity=stack.free_velocities.ravel(),
+            whitened_blocks=whitened,
+        )
 
     def _next(self) -> _Instant:
+        """Take one step, stage by stage."""
         now = self._now
         free = self._free_velocities()
         contacts = self._detect(free)
-        system = self._stack(contacts, free)
+        stack = self._stack(contacts, free)
+        system = self._system(stack)
         start = None
         if self._warm_start and now.contacts is not None:
-            before = _three_rows(len(now.contacts), now.solution)
-            start = self._core.match_impulses(contacts, now.contacts, before)[:, : system.rows]
+            start = self._core.match_impulses(contacts, now.contacts, now.impulse())[:, : system.rows]
         solution = solve(system, warm_start=start, **self._effort)
-        velocities = free.copy()
-        velocities[:, : self._columns] += system.body_velocity_change(solution.impulse).reshape(-1, self._columns)
-        shift = self._position_correction(contacts, system, velocities)
-        state = now.state.advanced(velocities, velocities + shift, self._time_step)
+        state = self._core.moved(now.state, contacts, stack, solution.impulse.ravel(), self._time_step)
         self._require_finite(np.hstack((state.positions, state.orientations, state.velocities)))
-        return _Instant(steps=now.steps + 1, state=state, contacts=contacts, solution=solution)
-
-    def _position_correction(self, contacts: _core.Contacts, system: StackedSystem, velocities: Array) -> Array:
-        """Return the velocities, for this step's poses only, that take out overlap; (bodies, 6)."""
-        shift = np.zeros_like(velocities)
-        if not len(contacts) or system.jacobian is None or system.inverse_mass is None:
-            return shift
-        jacobian, dt = system.jacobian, self._time_step
-        contact_velocity = jacobian @ velocities[:, : self._columns].ravel()
-        gap = contacts.gaps + dt * contact_velocity[:: self._rows]
-        slop = SLOP * contacts.sizes
-        if (gap >= -slop).all():
-            return shift
-        asked = np.where(gap < -slop, CORRECTION * (-gap - slop), -np.maximum(gap, 0.0))
-        normals = StackedSystem.from_jacobian(
-            self._jacobian(jacobian.indptr, jacobian.indices, jacobian.data[:, :1]),
-            system.inverse_mass,
-            asked / dt,
-            np.zeros(len(contacts)),
+        return _Instant(
+            steps=now.steps + 1,
+            unsolved=now.unsolved + (solution.status is not Status.SOLVED),
+            state=state,
+            contacts=contacts,
+            solution=lambda: solution,
         )
-        impulse = solve(normals, formulation="normal", solver="pgs", max_iterations=CORRECTION_SWEEPS).impulse
-        shift[:, : self._columns] = normals.body_velocity_change(impulse).reshape(-1, self._columns)
-        return shift
+
+    def _take_native_steps(self, native: NativeSolver, count: int) -> None:
+        """Take steps in one call of the core; whatever ends it early, the whole steps before that count."""
+        now = self._now
+        asked = {
+            "time_step": self._time_step,
+            "gravity": self._gravity_numbers(),
+            "forces": as_array("forces", self._forces, (len(self._bodies), 6)),
+            "rows": self._rows,
+            "columns": self._columns,
+            "warm_start": self._warm_start,
+            **self._native_settings,
+        }
+        step, body, error = _core.take_steps(self._core, now.state, now.step, asked, count)
+        if step is not None:
+            self._now = _Instant(
+                steps=now.steps + step.steps,
+                unsolved=now.unsolved + step.unsolved,
+                state=step.state,
+                contacts=step.contacts,
+                solution=cache(lambda: native.solution(step, self._system(step.stack))),
+                step=step,
+            )
+        if body is not None:
+            raise self._not_finite(body)
+        if error is not None:
+            raise error
 
     def _require_finite(self, numbers: Array) -> None:
         finite = np.isfinite(numbers).all(axis=1)
         if not finite.all():
-            body = self._bodies[int(np.argmin(finite))]
-            raise ProblemError(
-                f"the state of {body.name} is not finite after step {self._now.steps + 1}: "
-                "is the time step too long for its forces?"
-            )
+            raise self._not_finite(int(np.argmin(finite)))
+
+    def _not_finite(self, body: int) -> ProblemError:
+        return ProblemError(
+            f"the state of {self._bodies[body].name} is not finite after step {self._now.steps + 1}: "
+            "is the time step too long for its forces?"
+        )
 
 
 def _checked_time_step(time_step: float) -> float:
@@ -354,14 +389,6 @@ def _checked_time_step(time_step: float) -> float:
     if not (np.isfinite(value) and value > 0):
         raise SettingsError(f"time_step is {value:g}: it must be positive and finite")
     return value
-
-
-def _three_rows(contacts: int, solution: Solution | None) -> Array:
-    """Return the impulses as (n, 3) also where contacts have one row, or there is no solution yet."""
-    impulse = np.zeros((contacts, 3))
-    if solution is not None and contacts:
-        impulse[:, : solution.impulse.shape[1]] = solution.impulse
-    return impulse
 
 
 def _table(bodies: tuple[Body, ...], *names: str, width: int = 3) -> Array:

@@ -42,15 +42,7 @@ def run_exact(request: Request, method: str) -> Outcome:
         "friction": system.friction,
         "start": None if request.warm_start is None else request.warm_start.reshape(-1),
     }
-    settings = {
-        "method": method,
-        "law": request.formulation,
-        # A hair stricter, so that the judge's own rounding does not turn down what is accepted here.
-        "tolerance": (1.0 - 1e-6) * request.tolerance,
-        "max_iterations": MAX_STEPS if request.max_iterations is None else request.max_iterations,
-        "time_limit": request.time_limit,
-    }
-    report = _core.exact(problem, settings)
+    report = _core.exact(problem, exact_settings(request, method))
     elapsed = perf_counter() - began
     extras: dict[str, Any] = {"factorisations": report.factorisations, "fill": report.fill}
     if report.infeasibility is not None:
@@ -67,3 +59,16 @@ def run_exact(request: Request, method: str) -> Outcome:
         fallbacks=tuple(report.fallbacks),
         extras=extras,
     )
+
+
+def exact_settings(request: Request, method: str) -> dict[str, Any]:
+    """Return what the core's exact methods, alone or in a native step, are told beside the system."""
+    return {
+        "kernel": "exact",
+        "method": method,
+        "law": request.formulation,
+        # A hair stricter, so that the judge's own rounding does not turn down what is accepted here.
+        "tolerance": (1.0 - 1e-6) * request.tolerance,
+        "max_iterations": MAX_STEPS if request.max_iterations is None else request.max_iterations,
+        "time_limit": request.time_limit,
+    }

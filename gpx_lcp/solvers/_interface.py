@@ -76,6 +76,10 @@ class Solver:
     defaults : mapping or None
         Its own settings and their defaults; any other setting is refused. None passes every setting on to the backend,
         which knows its own.
+    native : callable or None
+        What the core needs to know to run this solver inside its own time step, with no Python between the stages: its
+        kernel and the kernel's settings, from a request whose system counts only by its rows. None steps a world stage
+        by stage.
     installed : bool
     install : str
         The command that installs it where it is missing; empty for the solvers of gpx-lcp itself.
@@ -87,6 +91,7 @@ class Solver:
     run: Callable[[Request], Outcome]
     warm_starts: bool = False
     defaults: Mapping[str, Any] | None = field(default_factory=dict)
+    native: Callable[[Request], dict[str, Any]] | None = None
     installed: bool = True
     install: str = ""
 

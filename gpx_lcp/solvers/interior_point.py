@@ -19,9 +19,9 @@ equations and the departures.
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
-from gpx_lcp.solvers._exact import run_exact
+from gpx_lcp.solvers._exact import exact_settings, run_exact
 from gpx_lcp.solvers._interface import Outcome, Request, Solver
 
 
@@ -30,9 +30,15 @@ def run(request: Request) -> Outcome:
     return run_exact(request, "interior_point")
 
 
+def native(request: Request) -> dict[str, Any]:
+    """Return what the core's own step is told."""
+    return exact_settings(request, "interior_point")
+
+
 SOLVER: Final = Solver(
     name="interior_point",
     method="direct: primal-dual interior point, sparse factorisation on bodies or contacts",
     programs={"normal": "convex QP", "cone": "second-order cone program", "coulomb": "Coulomb NCP"},
     run=run,
+    native=native,
 )

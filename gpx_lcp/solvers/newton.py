@@ -15,9 +15,9 @@ Acary, M. Brémond, O. Huber, INRIA RR-9118 (2018), section on proximal point al
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
-from gpx_lcp.solvers._exact import run_exact
+from gpx_lcp.solvers._exact import exact_settings, run_exact
 from gpx_lcp.solvers._interface import Outcome, Request, Solver
 
 
@@ -26,10 +26,16 @@ def run(request: Request) -> Outcome:
     return run_exact(request, "newton")
 
 
+def native(request: Request) -> dict[str, Any]:
+    """Return what the core's own step is told."""
+    return exact_settings(request, "newton")
+
+
 SOLVER: Final = Solver(
     name="newton",
     method="proximal point around a generalised Newton method; interior point where that is hard",
     programs={"normal": "projected equation", "cone": "projected equation", "coulomb": "projected equation"},
     run=run,
+    native=native,
     warm_starts=True,
 )

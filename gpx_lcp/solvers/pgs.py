@@ -62,18 +62,12 @@ def run(request: Request) -> Outcome:
         When `relaxation` is not a number between 0 and 2, both excluded, or `acceleration` is not True or False.
     """
     began = perf_counter()
-    system, relaxation = request.system, request.settings["relaxation"]
-    if isinstance(relaxation, bool) or not isinstance(relaxation, int | float) or not 0.0 < relaxation < 2.0:
-        raise SettingsError(f"relaxation is {relaxation!r}: it must be a number between 0 and 2, both excluded")
-    acceleration = request.settings["acceleration"]
-    if not isinstance(acceleration, bool):
-        raise SettingsError(f"acceleration is {acceleration!r}: it must be True or False")
-    frictionless = request.formulation == "normal"
-    rows = 1 if frictionless else system.rows
+    system = request.system
+    effort = native(request)
+    frictionless, rows = request.formulation == "normal", effort["rows"]
     start = np.zeros((system.contacts, system.rows)) if request.warm_start is None else request.warm_start
     # p is proportional to B. A power of two changes no digit, and keeps squares of tiny or huge velocities finite.
     unit = 2.0 ** np.frexp(np.abs(system.B).max())[1]
-    law, corners = _law(request.formulation, rows, request.facets)
     question = {
         "rows": rows,
         "target": _column(system.B, system.rows, rows) / unit,
@@ -81,16 +75,6 @@ def run(request: Request) -> Outcome:
         "scale": system.scale,
         "target_norm": float(np.linalg.norm(system.B / unit)),
         "start": _column(start.reshape(-1), system.rows, rows) / unit,
-    }
-    effort = {
-        "law": law,
-        "corners": np.ascontiguousarray(corners).reshape(-1),
-        # A hair stricter, so that the judge's own rounding does not turn down what is accepted here.
-        "tolerance": (1.0 - 1e-6) * request.tolerance,
-        "max_sweeps": MAX_SWEEPS if request.max_iterations is None else request.max_iterations,
-        "time_limit": request.time_limit,
-        "relaxation": float(relaxation),
-        "acceleration": acceleration,
     }
     matrix = _block_rows(system, rows)
     sweeping = perf_counter()
@@ -108,6 +92,35 @@ def run(request: Request) -> Outcome:
         history=tuple(zip(checks.tolist(), residuals.tolist(), strict=True)),
         extras={"stopped_by": stop},
     )
+
+
+def native(request: Request) -> dict[str, Any]:
+    """Return what the sweeps, alone or in the core's own step, are told beside the system.
+
+    Raises
+    ------
+    SettingsError
+        See `run`.
+    """
+    relaxation, acceleration = request.settings["relaxation"], request.settings["acceleration"]
+    if isinstance(relaxation, bool) or not isinstance(relaxation, int | float) or not 0.0 < relaxation < 2.0:
+        raise SettingsError(f"relaxation is {relaxation!r}: it must be a number between 0 and 2, both excluded")
+    if not isinstance(acceleration, bool):
+        raise SettingsError(f"acceleration is {acceleration!r}: it must be True or False")
+    rows = 1 if request.formulation == "normal" else request.system.rows
+    law, corners = _law(request.formulation, rows, request.facets)
+    return {
+        "kernel": "gauss_seidel",
+        "rows": rows,
+        "law": law,
+        "corners": np.ascontiguousarray(corners).reshape(-1),
+        # A hair stricter, so that the judge's own rounding does not turn down what is accepted here.
+        "tolerance": (1.0 - 1e-6) * request.tolerance,
+        "max_sweeps": MAX_SWEEPS if request.max_iterations is None else request.max_iterations,
+        "time_limit": request.time_limit,
+        "relaxation": float(relaxation),
+        "acceleration": acceleration,
+    }
 
 
 def _law(formulation: str, rows: int, facets: int) -> tuple[str, Array]:
@@ -157,6 +170,7 @@ SOLVER: Final = Solver(
     method="projected block Gauss-Seidel",
     programs={name: name for name in FORMULATIONS},
     run=run,
+    native=native,
     warm_starts=True,
     defaults={"relaxation": 1.0, "acceleration": False},
 )

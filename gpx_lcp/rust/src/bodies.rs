@@ -1,8 +1,11 @@
 //! What does not change while a world runs: shapes, masses and materials of its bodies. Bodies that move come first.
 
-use parry3d_f64::math::{Matrix, Pose, Rotation, Vector};
+use std::ops::AddAssign;
+
+use parry3d_f64::math::{Matrix, Pose, Vector};
 
 use crate::collision::solid::Solid;
+use crate::small_matrix::cholesky;
 
 pub struct Bodies {
     /// How many bodies move; the others, after them, never do.
@@ -16,6 +19,8 @@ pub struct Bodies {
     pub inertias: Vec<Matrix>,
     /// Its inverse; zero for a body that does not rotate.
     pub inverse_inertias: Vec<Matrix>,
+    /// Lower L with L Lᵀ that inverse.
+    pub inverse_inertia_roots: Vec<Matrix>,
     /// Of the bodies that never move.
     pub fixed_poses: Vec<Pose>,
 }
@@ -114,7 +119,7 @@ impl Bodies {
 }
 
 /// Where the moving bodies are and how they move, world frame.
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub struct State {
     pub poses: Vec<Pose>,
     pub velocities: Vec<Twist>,
@@ -128,8 +133,24 @@ pub struct Twist {
     pub angular: Vector,
 }
 
-/// R I Rᵀ: a tensor in the body's frame, turned into the world's.
-pub fn turned(tensor: &Matrix, rotation: &Rotation) -> Matrix {
-    let turn = Matrix::from_quat(*rotation);
-    turn * *tensor * turn.transpose()
+impl Twist {
+    pub fn is_finite(&self) -> bool {
+        self.linear.is_finite() && self.angular.is_finite()
+    }
+}
+
+impl AddAssign for Twist {
+    fn add_assign(&mut self, other: Self) {
+        self.linear += other.linear;
+        self.angular += other.angular;
+    }
+}
+
+/// Lower L with L Lᵀ = `tensor`; zero for the zero tensor of a body that does not rotate.
+pub fn root(tensor: &Matrix) -> Matrix {
+    let rows = tensor.transpose().to_cols_array_2d();
+    match cholesky(&rows, f64::MIN_POSITIVE) {
+        Some(lower) => Matrix::from_cols_array_2d(&lower).transpose(),
+        None => Matrix::ZERO,
+    }
 }

@@ -11,6 +11,7 @@
 pub mod bodies;
 pub mod collision;
 pub mod contact;
+pub mod correction;
 pub mod delassus;
 pub mod exact;
 pub mod friction_cone;
@@ -19,8 +20,11 @@ pub mod heading;
 pub mod integration;
 pub mod lanes;
 pub mod polygon;
+pub mod program;
 pub mod small_matrix;
+pub mod solving;
 pub mod stacking;
+pub mod stepping;
 
 #[cfg(feature = "python")]
 mod python;

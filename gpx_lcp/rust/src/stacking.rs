@@ -18,20 +18,38 @@
 
 use parry3d_f64::math::{Matrix, Pose, Vector};
 
-use crate::bodies::{Bodies, Twist, turned};
+use crate::bodies::{Bodies, Twist};
 use crate::collision::Contact;
 
-/// The blocks of J by rows of contacts (block compressed sparse rows), and B.
+/// The system: the blocks of J and of Ĵ = J L by rows of contacts (block compressed sparse rows), B and the friction.
+#[derive(Clone, Default)]
 pub struct Stack {
-    pub row_starts: Vec<i32>,
-    pub columns: Vec<i32>,
+    pub layout: Layout,
+    pub row_starts: Vec<usize>,
+    pub columns: Vec<u32>,
     /// Blocks of rows × columns, row by row.
     pub blocks: Vec<f64>,
+    /// The same of Ĵ.
+    pub whitened: Vec<f64>,
     pub b: Vec<f64>,
+    /// The velocities of the bodies after every force but contact.
+    pub free: Vec<Twist>,
+    pub friction: Vec<f64>,
+    /// d_i = max diag A_ii of each contact, 1/kg.
+    pub scale: Vec<f64>,
+    /// L of each moving body.
+    pub roots: Vec<MassRoot>,
+}
+
+/// L with M⁻¹ = L Lᵀ of one body: 1/√m, and R L_I with L_I L_Iᵀ the inverse inertia in the body's frame.
+#[derive(Clone, Copy)]
+pub struct MassRoot {
+    linear: f64,
+    angular: Matrix,
 }
 
 /// How many rows each contact has (1 without friction, or 3) and how many velocities each body has (3 or 6).
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 pub struct Layout {
     pub rows: usize,
     pub columns: usize,
@@ -48,14 +66,121 @@ pub struct Motion<'a> {
     pub gravity: f64,
 }
 
-pub fn stack(bodies: &Bodies, contacts: &[Contact], motion: &Motion, layout: Layout) -> Stack {
+impl Stack {
+    pub fn contacts(&self) -> usize {
+        self.friction.len()
+    }
+
+    pub fn has_friction(&self) -> bool {
+        self.friction.iter().any(|friction| *friction != 0.0)
+    }
+
+    /// The blocks of Ĵ of one contact, with their bodies.
+    fn whitened_row(&self, contact: usize) -> impl Iterator<Item = (usize, &[f64])> {
+        let size = self.layout.rows * self.layout.columns;
+        let row = self.row_starts[contact]..self.row_starts[contact + 1];
+        row.map(move |block| {
+            let body = self.columns[block] as usize;
+            (body, &self.whitened[block * size..][..size])
+        })
+    }
+
+    /// w = Ĵᵀ p, body by body; the impulses have rows entries per contact.
+    fn body_states(&self, impulse: &[f64]) -> Vec<[f64; 6]> {
+        let Layout { rows, columns } = self.layout;
+        let mut states = vec![[0.0; 6]; self.roots.len()];
+        for (contact, p) in impulse.chunks_exact(rows).enumerate() {
+            for (body, block) in self.whitened_row(contact) {
+                for (value, row) in p.iter().zip(block.chunks_exact(columns)) {
+                    for (sum, entry) in states[body].iter_mut().zip(row) {
+                        *sum += value * entry;
+                    }
+                }
+            }
+        }
+        states
+    }
+
+    /// What the impulses add to the velocities of the bodies: M⁻¹ Jᵀ p = L Ĵᵀ p.
+    pub fn velocity_change(&self, impulse: &[f64]) -> Vec<Twist> {
+        let states = self.body_states(impulse);
+        let twist = |(root, state): (&MassRoot, &[f64; 6])| Twist {
+            linear: Vector::from_slice(&state[..3]) * root.linear,
+            angular: root.angular * Vector::from_slice(&state[3..]),
+        };
+        self.roots.iter().zip(&states).map(twist).collect()
+    }
+
+    /// The contact velocities u = A p - B after the impulses, rows per contact.
+    pub fn velocity(&self, impulse: &[f64]) -> Vec<f64> {
+        let Layout { rows, columns } = self.layout;
+        let states = self.body_states(impulse);
+        let mut velocity: Vec<f64> = self.b.iter().map(|value| -value).collect();
+        for (contact, u) in velocity.chunks_exact_mut(rows).enumerate() {
+            for (body, block) in self.whitened_row(contact) {
+                for (sum, row) in u.iter_mut().zip(block.chunks_exact(columns)) {
+                    *sum += row
+                        .iter()
+                        .zip(&states[body])
+                        .map(|(x, y)| x * y)
+                        .sum::<f64>();
+                }
+            }
+        }
+        velocity
+    }
+
+    /// M⁻¹ = L Lᵀ body by body, world frame, as blocks of columns × columns.
+    pub fn inverse_mass(&self) -> Vec<f64> {
+        let columns = self.layout.columns;
+        let mut blocks = vec![0.0; self.roots.len() * columns * columns];
+        for (root, block) in self
+            .roots
+            .iter()
+            .zip(blocks.chunks_exact_mut(columns * columns))
+        {
+            for axis in 0..3 {
+                block[axis * columns + axis] = root.linear * root.linear;
+            }
+            if columns == 6 {
+                let inverse = root.angular * root.angular.transpose();
+                for row in 0..3 {
+                    for column in 0..3 {
+                        block[(3 + row) * 6 + 3 + column] = inverse.col(column)[row];
+                    }
+                }
+            }
+        }
+        blocks
+    }
+}
+
+/// Stack the contacts into `result`, whose memory is used again.
+pub fn stack(
+    bodies: &Bodies,
+    contacts: &[Contact],
+    motion: &Motion,
+    layout: Layout,
+    result: &mut Stack,
+) {
     let Layout { rows, columns } = layout;
-    let mut result = Stack {
-        row_starts: vec![0],
-        columns: Vec::with_capacity(2 * contacts.len()),
-        blocks: Vec::with_capacity(2 * contacts.len() * rows * columns),
-        b: Vec::with_capacity(contacts.len() * rows),
-    };
+    result.layout = layout;
+    result.row_starts.clear();
+    result.row_starts.push(0);
+    result.columns.clear();
+    result.blocks.clear();
+    result.whitened.clear();
+    result.b.clear();
+    result.free.clear();
+    result.free.extend_from_slice(motion.free);
+    result.friction.clear();
+    result.scale.clear();
+    result.roots.clear();
+    let moving = motion.poses.iter().enumerate();
+    result.roots.extend(moving.map(|(body, pose)| MassRoot {
+        linear: 1.0 / bodies.masses[body].sqrt(),
+        angular: Matrix::from_quat(pose.rotation) * bodies.inverse_inertia_roots[body],
+    }));
     for contact in contacts {
         for (body, sign) in [(contact.bodies[0], -1.0), (contact.bodies[1], 1.0)] {
             let body = body as usize;
@@ -63,16 +188,31 @@ pub fn stack(bodies: &Bodies, contacts: &[Contact], motion: &Motion, layout: Lay
                 continue;
             }
             let arm = contact.point - motion.poses[body].translation;
-            result.columns.push(body as i32);
+            let root = &result.roots[body];
+            result.columns.push(body as u32);
             for direction in &contact.frame[..rows] {
                 let linear = *direction * sign;
                 result.blocks.extend(linear.to_array());
+                result.whitened.extend((linear * root.linear).to_array());
                 if columns == 6 {
-                    result.blocks.extend(arm.cross(linear).to_array());
+                    let moment = arm.cross(linear);
+                    result.blocks.extend(moment.to_array());
+                    let whitened = root.angular.transpose() * moment;
+                    result.whitened.extend(whitened.to_array());
                 }
             }
         }
-        result.row_starts.push(result.columns.len() as i32);
+        result.row_starts.push(result.columns.len());
+        result.friction.push(bodies.friction(contact.bodies));
+        let contact_blocks = result.row_starts[result.row_starts.len() - 2]..result.columns.len();
+        let mut diagonal = [0.0; 3];
+        for block in contact_blocks {
+            let values = &result.whitened[block * rows * columns..][..rows * columns];
+            for (sum, row) in diagonal.iter_mut().zip(values.chunks_exact(columns)) {
+                *sum += row.iter().map(|value| value * value).sum::<f64>();
+            }
+        }
+        result.scale.push(diagonal.into_iter().fold(0.0, f64::max));
 
         let free = relative_velocity(bodies, contact, motion.poses, motion.free);
         let closing = relative_velocity(bodies, contact, motion.poses, motion.velocities)
@@ -90,11 +230,10 @@ pub fn stack(bodies: &Bodies, contacts: &[Contact], motion: &Motion, layout: Lay
         let tangents = &contact.frame[1..rows];
         result.b.extend(tangents.iter().map(|t| -free.dot(*t)));
     }
-    result
 }
 
 /// Velocity of b relative to a at the contact point, world frame.
-fn relative_velocity(
+pub fn relative_velocity(
     bodies: &Bodies,
     contact: &Contact,
     poses: &[Pose],
@@ -109,25 +248,4 @@ fn relative_velocity(
         twists[body].linear + twists[body].angular.cross(arm)
     });
     b - a
-}
-
-/// M⁻¹ body by body, world frame, as blocks of columns × columns.
-pub fn inverse_mass(bodies: &Bodies, poses: &[Pose], columns: usize) -> Vec<f64> {
-    let mut blocks = vec![0.0; bodies.moving * columns * columns];
-    for (body, block) in blocks.chunks_exact_mut(columns * columns).enumerate() {
-        for axis in 0..3 {
-            block[axis * columns + axis] = 1.0 / bodies.masses[body];
-        }
-        if columns == 6 {
-            let inverse: Matrix = turned(&bodies.inverse_inertias[body], &poses[body].rotation);
-            for row in 0..3 {
-                for column in 0..3 {
-                    // The product with the rotations is symmetric only up to rounding.
-                    let entry = 0.5 * (inverse.col(column)[row] + inverse.col(row)[column]);
-                    block[(3 + row) * 6 + 3 + column] = entry;
-                }
-            }
-        }
-    }
-    blocks
 }

@@ -229,6 +229,7 @@ mod tests {
             masses: vec![1.0; 2],
             inertias: vec![Matrix::IDENTITY; 2],
             inverse_inertias: vec![Matrix::IDENTITY; 2],
+            inverse_inertia_roots: vec![Matrix::IDENTITY; 2],
             fixed_poses: Vec::new(),
         }
     }

@@ -50,11 +50,34 @@ pub struct Wanted {
     #[pyo3(item)]
     law: String,
     #[pyo3(item)]
-    tolerance: f64,
+    pub tolerance: f64,
     #[pyo3(item)]
-    max_iterations: usize,
+    pub max_iterations: usize,
     #[pyo3(item)]
-    time_limit: Option<f64>,
+    pub time_limit: Option<f64>,
+}
+
+impl Wanted {
+    pub fn law(&self) -> PyResult<Law> {
+        match self.law.as_str() {
+            "normal" => Ok(Law::Normal),
+            "cone" => Ok(Law::Cone),
+            "coulomb" => Ok(Law::Coulomb),
+            other => Err(ProblemError::new_err(format!(
+                "there is no exact law named {other:?}"
+            ))),
+        }
+    }
+
+    pub fn method(&self) -> PyResult<Method> {
+        match self.method.as_str() {
+            "interior_point" => Ok(Method::InteriorPoint),
+            "newton" => Ok(Method::ProximalNewton),
+            other => Err(ProblemError::new_err(format!(
+                "there is no exact method named {other:?}"
+            ))),
+        }
+    }
 }
 
 /// What came back; the fields are read one by one.
@@ -75,25 +98,7 @@ pub struct ExactReport {
 /// Solve a contact problem under one of the laws "normal", "cone" and "coulomb".
 #[pyfunction]
 pub fn exact(py: Python<'_>, problem: Asked<'_>, settings: Wanted) -> PyResult<ExactReport> {
-    let law = match settings.law.as_str() {
-        "normal" => Law::Normal,
-        "cone" => Law::Cone,
-        "coulomb" => Law::Coulomb,
-        other => {
-            return Err(ProblemError::new_err(format!(
-                "there is no exact law named {other:?}"
-            )));
-        }
-    };
-    let method = match settings.method.as_str() {
-        "interior_point" => Method::InteriorPoint,
-        "newton" => Method::ProximalNewton,
-        other => {
-            return Err(ProblemError::new_err(format!(
-                "there is no exact method named {other:?}"
-            )));
-        }
-    };
+    let (law, method) = (settings.law()?, settings.method()?);
     let matrix = block_matrix(&problem)?;
     let form = if problem.factored {
         Form::Velocity

@@ -10,6 +10,7 @@ use crate::delassus::{BlockRows, Delassus, Explicit, Factored, StructureError};
 use crate::friction_cone::{ConvexCone, Coulomb};
 use crate::gauss_seidel::{Outcome, Problem, Settings, Stop, solve};
 use crate::polygon::Polygon;
+use crate::program::Program;
 use crate::small_matrix::Vector;
 
 pyo3::import_exception!(gpx_lcp.errors, ProblemError);
@@ -72,6 +73,38 @@ pub struct Effort<'py> {
     relaxation: f64,
     #[pyo3(item)]
     acceleration: bool,
+}
+
+impl Effort<'_> {
+    pub fn settings(&self) -> Settings {
+        Settings {
+            tolerance: self.tolerance,
+            max_sweeps: self.max_sweeps,
+            // Longer than a Duration can be is no limit.
+            time_limit: self
+                .time_limit
+                .and_then(|seconds| Duration::try_from_secs_f64(seconds).ok()),
+            relaxation: self.relaxation,
+            acceleration: self.acceleration,
+        }
+    }
+
+    /// The program that `law` and `corners` stand for; with one row per contact there is no friction.
+    pub fn program(&self, rows: usize) -> PyResult<Program> {
+        match self.law.as_str() {
+            _ if rows == 1 => Ok(Program::Normal),
+            "coulomb" => Ok(Program::Coulomb),
+            "cone" => Ok(Program::Cone),
+            "polygon" => Ok(Program::Polygon(
+                self.corners.as_slice()?.as_chunks::<2>().0.to_vec(),
+            )),
+            law => Err(no_law(law)),
+        }
+    }
+}
+
+fn no_law(law: &str) -> PyErr {
+    ProblemError::new_err(format!("there is no law of contact named {law:?}"))
 }
 
 type Answer<'py> = (
@@ -183,9 +216,7 @@ fn with_law<'py, const R: usize, A: Delassus<R> + Send>(
                 effort,
             )
         }
-        law => Err(ProblemError::new_err(format!(
-            "there is no law of contact named {law:?}"
-        ))),
+        law => Err(no_law(law)),
     }
 }
 
@@ -205,16 +236,7 @@ fn sweep<'py, const R: usize, A: Delassus<R> + Send, L: Law<R>>(
         scale: sized("scale", question.scale.as_slice()?, contacts)?,
         target_norm: question.target_norm,
     };
-    let settings = Settings {
-        tolerance: effort.tolerance,
-        max_sweeps: effort.max_sweeps,
-        // Longer than a Duration can be is no limit.
-        time_limit: effort
-            .time_limit
-            .and_then(|seconds| Duration::try_from_secs_f64(seconds).ok()),
-        relaxation: effort.relaxation,
-        acceleration: effort.acceleration,
-    };
+    let settings = effort.settings();
     let mut signal = None;
     let mut go_on = || {
         signal = Python::attach(|py| py.check_signals()).err();
@@ -227,15 +249,19 @@ fn sweep<'py, const R: usize, A: Delassus<R> + Send, L: Law<R>>(
     Ok(answer(py, outcome))
 }
 
-fn answer<const R: usize>(py: Python<'_>, outcome: Outcome<R>) -> Answer<'_> {
-    let stop = match outcome.stop {
+pub fn stop_name(stop: Stop) -> &'static str {
+    match stop {
         Stop::Solved => "solved",
         Stop::MaxSweeps => "max_sweeps",
         Stop::TimeLimit => "time_limit",
         Stop::Stalled => "stalled",
         Stop::NumericalError => "numerical_error",
         Stop::Interrupted => "interrupted",
-    };
+    }
+}
+
+fn answer<const R: usize>(py: Python<'_>, outcome: Outcome<R>) -> Answer<'_> {
+    let stop = stop_name(outcome.stop);
     let (sweeps, residuals): (Vec<i64>, Vec<f64>) = outcome
         .history
         .iter()

@@ -2,7 +2,9 @@
 
 mod exact;
 mod gauss_seidel;
+mod records;
 mod scene;
+mod stepping;
 
 use pyo3::prelude::*;
 
@@ -15,7 +17,11 @@ mod _core {
     #[pymodule_export]
     use super::gauss_seidel::gauss_seidel;
     #[pymodule_export]
-    use super::scene::{Bodies, Contacts, State};
+    use super::records::{Contacts, Stack, State};
+    #[pymodule_export]
+    use super::scene::Bodies;
+    #[pymodule_export]
+    use super::stepping::{Step, take_steps};
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {

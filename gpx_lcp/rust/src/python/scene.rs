@@ -1,42 +1,25 @@
 //! The stages of a step as Python calls them: free motion, detection, stacking, advance.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::panic::catch_unwind;
 
-use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
-use parry3d_f64::math::{Matrix, Pose, Rotation, Vector};
+use numpy::PyArray2;
+use parry3d_f64::math::{Matrix, Pose, Vector};
 use pyo3::prelude::*;
 
-use crate::bodies::{Bodies as BodyData, CombineRule, Material, Twist};
+use super::records::{
+    Contacts, Floats, ProblemError, Stack, State, Table, pose, rows, same_length, table, twist,
+    twist_row,
+};
+use crate::bodies::{Bodies as BodyData, CombineRule, Material, Twist, root};
+use crate::collision;
 use crate::collision::solid::{Convex, Solid};
-use crate::collision::{self, Contact};
 use crate::integration;
-use crate::stacking::{self, Layout, Motion};
-
-pyo3::import_exception!(gpx_lcp.errors, ProblemError);
-
-type Floats<'py> = PyReadonlyArray1<'py, f64>;
-type Table<'py> = PyReadonlyArray2<'py, f64>;
+use crate::stacking::{self, Layout, Motion, Stack as StackData};
+use crate::stepping;
 
 /// The bodies of a world: what does not change while it runs.
 #[pyclass(frozen, module = "gpx_lcp._core")]
-pub struct Bodies(BodyData);
-
-/// Poses and velocities of the moving bodies at one instant.
-#[pyclass(frozen, module = "gpx_lcp._core")]
-pub struct State {
-    poses: Vec<Pose>,
-    velocities: Vec<Twist>,
-}
-
-/// The contacts of one state.
-#[pyclass(frozen, module = "gpx_lcp._core")]
-pub struct Contacts {
-    contacts: Vec<Contact>,
-    /// Bodies from this index on never move.
-    moving: usize,
-    friction: Vec<f64>,
-    sizes: Vec<f64>,
-}
+pub struct Bodies(pub BodyData);
 
 #[pymethods]
 impl Bodies {
@@ -88,6 +71,10 @@ impl Bodies {
             moving,
             solids,
             materials,
+            inverse_inertia_roots: inertias
+                .iter()
+                .map(|tensor| root(&inverse(tensor)))
+                .collect(),
             inverse_inertias: inertias.iter().map(inverse).collect(),
             masses,
             inertias,
@@ -109,8 +96,8 @@ impl Bodies {
         let free = py.detach(|| {
             integration::free_velocities(
                 &self.0,
-                &state.poses,
-                &state.velocities,
+                &state.0.poses,
+                &state.0.velocities,
                 &forces,
                 Vector::from_array(gravity),
                 time_step,
@@ -129,21 +116,9 @@ impl Bodies {
     ) -> PyResult<Contacts> {
         let free = self.twists("free_velocities", &free_velocities)?;
         self.check_state(state)?;
-        let found = py.detach(|| {
-            // A panic inside the collision library must not cross the border as one.
-            catch_unwind(AssertUnwindSafe(|| {
-                collision::detect(&self.0, &state.poses, &free, time_step)
-            }))
-        });
-        let contacts = found.map_err(|_| {
-            ProblemError::new_err("collision detection failed: are shapes of extreme proportions?")
-        })?;
-        Ok(Contacts {
-            friction: contacts.iter().map(|c| self.0.friction(c.bodies)).collect(),
-            sizes: contacts.iter().map(|c| self.0.size(c.bodies)).collect(),
-            contacts,
-            moving: self.0.moving,
-        })
+        let found = py.detach(|| stepping::found(&self.0, &state.0.poses, &free, time_step));
+        let contacts = found.map_err(|_| detection_failed())?;
+        Ok(Contacts::new(&self.0, contacts))
     }
 
     /// Start impulses for `contacts` from the impulses of `previous` contacts, both (n, 3).
@@ -161,57 +136,54 @@ impl Bodies {
         table(py, start.into_iter().flatten().collect(), 3)
     }
 
-    /// J as (row_starts, columns, blocks) and B, rows per contact and columns per body as asked.
-    #[allow(clippy::type_complexity, clippy::too_many_arguments)]
-    fn stack<'py>(
+    /// The stacked system, with rows per contact and columns per body as asked.
+    #[allow(clippy::too_many_arguments)]
+    fn stack(
         &self,
-        py: Python<'py>,
+        py: Python<'_>,
         state: &State,
         contacts: &Contacts,
-        free_velocities: Table<'py>,
+        free_velocities: Table<'_>,
         time_step: f64,
         gravity: f64,
         rows: usize,
         columns: usize,
-    ) -> PyResult<(
-        Bound<'py, PyArray1<i32>>,
-        Bound<'py, PyArray1<i32>>,
-        Bound<'py, PyArray3<f64>>,
-        Bound<'py, PyArray1<f64>>,
-    )> {
+    ) -> PyResult<Stack> {
         let free = self.twists("free_velocities", &free_velocities)?;
         self.check_state(state)?;
         let layout = layout(rows, columns)?;
-        let stack = py.detach(|| {
+        let mut stack = StackData::default();
+        py.detach(|| {
             let motion = Motion {
-                poses: &state.poses,
-                velocities: &state.velocities,
+                poses: &state.0.poses,
+                velocities: &state.0.velocities,
                 free: &free,
                 time_step,
                 gravity,
             };
-            stacking::stack(&self.0, &contacts.contacts, &motion, layout)
+            stacking::stack(&self.0, &contacts.contacts, &motion, layout, &mut stack);
         });
-        let blocks = stack.columns.len();
-        Ok((
-            PyArray1::from_vec(py, stack.row_starts),
-            PyArray1::from_vec(py, stack.columns),
-            PyArray1::from_vec(py, stack.blocks).reshape([blocks, rows, columns])?,
-            PyArray1::from_vec(py, stack.b),
-        ))
+        Ok(Stack(stack))
     }
 
-    /// M⁻¹ as (moving, columns, columns) blocks.
-    fn inverse_mass<'py>(
+    /// The state after the impulses, rows per contact.
+    fn moved(
         &self,
-        py: Python<'py>,
+        py: Python<'_>,
         state: &State,
-        columns: usize,
-    ) -> PyResult<Bound<'py, PyArray3<f64>>> {
+        contacts: &Contacts,
+        stack: &Stack,
+        impulse: Floats<'_>,
+        time_step: f64,
+    ) -> PyResult<State> {
+        let impulse = impulse.as_slice()?;
         self.check_state(state)?;
-        layout(1, columns)?;
-        let blocks = py.detach(|| stacking::inverse_mass(&self.0, &state.poses, columns));
-        PyArray1::from_vec(py, blocks).reshape([self.0.moving, columns, columns])
+        same_length("stack", stack.0.contacts(), contacts.contacts.len())?;
+        same_length("impulse", impulse.len(), stack.0.b.len())?;
+        let (poses, contacts) = (&state.0.poses, &contacts.contacts);
+        let moved =
+            py.detach(|| stepping::moved(&self.0, poses, contacts, &stack.0, impulse, time_step));
+        Ok(State(moved))
     }
 
     fn __repr__(&self) -> String {
@@ -221,136 +193,14 @@ impl Bodies {
 }
 
 impl Bodies {
-    fn twists(&self, name: &str, table: &Table<'_>) -> PyResult<Vec<Twist>> {
+    pub fn twists(&self, name: &str, table: &Table<'_>) -> PyResult<Vec<Twist>> {
         let twists = rows::<6>(table)?;
         same_length(name, twists.len(), self.0.moving)?;
         Ok(twists.iter().map(twist).collect())
     }
 
-    fn check_state(&self, state: &State) -> PyResult<()> {
-        same_length("state", state.poses.len(), self.0.moving)
-    }
-}
-
-#[pymethods]
-impl State {
-    /// positions (moving, 3), orientations (moving, 4) as w, x, y, z, velocities (moving, 6).
-    #[new]
-    fn new(positions: Table<'_>, orientations: Table<'_>, velocities: Table<'_>) -> PyResult<Self> {
-        let positions = rows::<3>(&positions)?;
-        let orientations = rows::<4>(&orientations)?;
-        let velocities = rows::<6>(&velocities)?;
-        same_length("orientations", orientations.len(), positions.len())?;
-        same_length("velocities", velocities.len(), positions.len())?;
-        let both = positions.iter().zip(&orientations);
-        Ok(State {
-            poses: both
-                .map(|([x, y, z], [w, i, j, k])| pose(&[*x, *y, *z, *w, *i, *j, *k]))
-                .collect(),
-            velocities: velocities.iter().map(twist).collect(),
-        })
-    }
-
-    /// The state after `time_step` at constant `pose_velocities`, carrying `velocities`.
-    fn advanced(
-        &self,
-        py: Python<'_>,
-        velocities: Table<'_>,
-        pose_velocities: Table<'_>,
-        time_step: f64,
-    ) -> PyResult<State> {
-        let velocities: Vec<Twist> = rows::<6>(&velocities)?.iter().map(twist).collect();
-        let moving: Vec<Twist> = rows::<6>(&pose_velocities)?.iter().map(twist).collect();
-        same_length("velocities", velocities.len(), self.poses.len())?;
-        same_length("pose_velocities", moving.len(), self.poses.len())?;
-        let poses = py.detach(|| integration::advance(&self.poses, &moving, time_step));
-        Ok(State { poses, velocities })
-    }
-
-    #[getter]
-    fn positions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let all = self.poses.iter().flat_map(|p| p.translation.to_array());
-        table(py, all.collect(), 3)
-    }
-
-    #[getter]
-    fn orientations<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let wxyz = |p: &Pose| [p.rotation.w, p.rotation.x, p.rotation.y, p.rotation.z];
-        table(py, self.poses.iter().flat_map(wxyz).collect(), 4)
-    }
-
-    #[getter]
-    fn velocities<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        table(py, self.velocities.iter().flat_map(twist_row).collect(), 6)
-    }
-}
-
-#[pymethods]
-impl Contacts {
-    fn __len__(&self) -> usize {
-        self.contacts.len()
-    }
-
-    /// Body a of each contact, -1 where it never moves.
-    #[getter]
-    fn body_a<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i64>> {
-        self.bodies(py, 0)
-    }
-
-    /// Body b of each contact, -1 where it never moves.
-    #[getter]
-    fn body_b<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i64>> {
-        self.bodies(py, 1)
-    }
-
-    /// (n, 2): what touches on a and on b.
-    #[getter]
-    fn features<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<u32>>> {
-        let all = self.contacts.iter().flat_map(|c| c.features).collect();
-        PyArray1::from_vec(py, all).reshape([self.contacts.len(), 2])
-    }
-
-    /// (n, 3), m.
-    #[getter]
-    fn points<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let all = self.contacts.iter().flat_map(|c| c.point.to_array());
-        table(py, all.collect(), 3)
-    }
-
-    /// (n, 3, 3): normal from a to b, then the tangents.
-    #[getter]
-    fn frames<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f64>>> {
-        let rows = self.contacts.iter().flat_map(|c| c.frame);
-        let all = rows.flat_map(|row| row.to_array()).collect();
-        PyArray1::from_vec(py, all).reshape([self.contacts.len(), 3, 3])
-    }
-
-    /// (n,), m.
-    #[getter]
-    fn gaps<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_iter(py, self.contacts.iter().map(|c| c.gap))
-    }
-
-    /// (n,): bounding radius of the smaller body of each pair, m.
-    #[getter]
-    fn sizes<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_slice(py, &self.sizes)
-    }
-
-    /// (n,), Coulomb's coefficient of each pair.
-    #[getter]
-    fn friction<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_slice(py, &self.friction)
-    }
-}
-
-impl Contacts {
-    fn bodies<'py>(&self, py: Python<'py>, side: usize) -> Bound<'py, PyArray1<i64>> {
-        let index = |contact: &Contact| {
-            let body = contact.bodies[side] as usize;
-            if body < self.moving { body as i64 } else { -1 }
-        };
-        PyArray1::from_iter(py, self.contacts.iter().map(index))
+    pub fn check_state(&self, state: &State) -> PyResult<()> {
+        same_length("state", state.0.poses.len(), self.0.moving)
     }
 }
 
@@ -384,59 +234,15 @@ fn combine_rule(index: usize) -> PyResult<CombineRule> {
         .ok_or_else(|| ProblemError::new_err(format!("there is no combine rule {index}")))
 }
 
-fn layout(rows: usize, columns: usize) -> PyResult<Layout> {
+pub fn detection_failed() -> PyErr {
+    ProblemError::new_err("collision detection failed: are shapes of extreme proportions?")
+}
+
+pub fn layout(rows: usize, columns: usize) -> PyResult<Layout> {
     if !matches!((rows, columns), (1 | 3, 3 | 6)) {
         return Err(ProblemError::new_err(format!(
             "{rows} rows and {columns} columns: a contact has 1 or 3 rows, a body 3 or 6 columns"
         )));
     }
     Ok(Layout { rows, columns })
-}
-
-fn same_length(name: &str, have: usize, want: usize) -> PyResult<()> {
-    if have != want {
-        return Err(ProblemError::new_err(format!(
-            "{name} has {have} entries, but {want} are needed"
-        )));
-    }
-    Ok(())
-}
-
-/// The rows of a C-ordered table of `N` columns.
-fn rows<const N: usize>(table: &Table<'_>) -> PyResult<Vec<[f64; N]>> {
-    let (rows, rest) = table.as_slice()?.as_chunks::<N>();
-    if table.as_array().ncols() != N || !rest.is_empty() {
-        return Err(ProblemError::new_err(format!(
-            "a table has {} columns, but {N} are needed",
-            table.as_array().ncols()
-        )));
-    }
-    Ok(rows.to_vec())
-}
-
-fn table<'py>(
-    py: Python<'py>,
-    numbers: Vec<f64>,
-    columns: usize,
-) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    let rows = numbers.len() / columns;
-    PyArray1::from_vec(py, numbers).reshape([rows, columns])
-}
-
-fn pose(row: &[f64; 7]) -> Pose {
-    let [x, y, z, w, i, j, k] = *row;
-    Pose::from_parts(Vector::new(x, y, z), Rotation::from_xyzw(i, j, k, w))
-}
-
-fn twist(row: &[f64; 6]) -> Twist {
-    let [x, y, z, a, b, c] = *row;
-    Twist {
-        linear: Vector::new(x, y, z),
-        angular: Vector::new(a, b, c),
-    }
-}
-
-fn twist_row(twist: &Twist) -> [f64; 6] {
-    let ([x, y, z], [a, b, c]) = (twist.linear.to_array(), twist.angular.to_array());
-    [x, y, z, a, b, c]
 }

@@ -1,0 +1,157 @@
+//! What the impulses of a stacked system are held to, and how far they are from it: the residuals of
+//! `formulations.RESIDUALS`, evaluated on Ĵ, B and p alone, whoever found the impulses.
+
+use crate::contact::Law;
+use crate::friction_cone::project;
+use crate::polygon::Polygon;
+use crate::small_matrix::{Vector, dot, tangent_length};
+use crate::stacking::Stack;
+
+/// Which impulses are allowed, and when. With one row per contact all of them are the same.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Program {
+    /// Without friction.
+    Normal,
+    Cone,
+    Coulomb,
+    /// Friction within a polygon, with these corners for a coefficient of one.
+    Polygon(Vec<[f64; 2]>),
+}
+
+impl Program {
+    /// The law of the polygon's corners.
+    pub fn polygon(corners: &[[f64; 2]]) -> Polygon<3> {
+        Polygon::new(corners.iter().map(|&[x, y]| [0.0, x, y]).collect())
+    }
+
+    /// ‖natural map‖/‖B‖ of impulses with as many rows per contact as the system has.
+    pub fn residual(&self, stack: &Stack, impulse: &[f64]) -> f64 {
+        let velocity = stack.velocity(impulse);
+        let square = if stack.layout.rows == 1 {
+            squared::<1>(stack, impulse, &velocity, |_, d, p, u| normal_map(d, p, u))
+        } else {
+            match self {
+                Program::Normal => {
+                    squared::<3>(stack, impulse, &velocity, |_, d, p, u| normal_map(d, p, u))
+                }
+                Program::Cone => squared(stack, impulse, &velocity, cone_map),
+                Program::Coulomb => squared(stack, impulse, &velocity, |friction, d, p, u| {
+                    let corrected = [u[0] + friction * tangent_length(u), u[1], u[2]];
+                    cone_map(friction, d, p, &corrected)
+                }),
+                Program::Polygon(corners) => {
+                    let law = Self::polygon(corners);
+                    squared(stack, impulse, &velocity, |friction, d, p, u| {
+                        law.natural_map(friction, d, p, u)
+                    })
+                }
+            }
+        };
+        if square == 0.0 {
+            return 0.0;
+        }
+        square.sqrt() / stack.b.iter().map(|b| b * b).sum::<f64>().sqrt()
+    }
+
+    /// Bring start impulses into the cones of the program, to the nearest point of each. Returns how far they moved,
+    /// relative to the largest entry.
+    pub fn admit(&self, friction: &[f64], impulse: &mut [f64], rows: usize) -> f64 {
+        let size = largest(impulse.iter().copied());
+        let mut moved: f64 = 0.0;
+        for (p, &friction) in impulse.chunks_exact_mut(rows).zip(friction) {
+            let mut given = [0.0; 3];
+            given[..rows].copy_from_slice(p);
+            let inside = match self {
+                Program::Normal => project(0.0, &given),
+                Program::Cone | Program::Coulomb => project(friction, &given),
+                Program::Polygon(_) if rows == 1 => project(0.0, &given),
+                Program::Polygon(corners) => project_pyramid(friction, corners, &given),
+            };
+            moved = moved.max(largest((0..3).map(|r| inside[r] - given[r])));
+            p.copy_from_slice(&inside[..rows]);
+        }
+        if size > 0.0 { moved / size } else { 0.0 }
+    }
+}
+
+/// The nearest point of {x_t ∈ μ x_n P} for the convex polygon P: x itself, or the nearest of the points on the facets
+/// between neighbouring generators (1, μ corner), on the generators, and the apex.
+fn project_pyramid(friction: f64, corners: &[[f64; 2]], x: &[f64; 3]) -> [f64; 3] {
+    let count = corners.len();
+    let outside = |k: usize| {
+        let ([ax, ay], [bx, by]) = (corners[k], corners[(k + 1) % count]);
+        let outward = [by - ay, ax - bx];
+        let support = outward[0] * ax + outward[1] * ay;
+        x[1] * outward[0] + x[2] * outward[1] > friction * x[0] * support
+    };
+    if x[0] >= 0.0 && !(0..count).any(outside) {
+        return *x;
+    }
+    let generator = |k: usize| [1.0, friction * corners[k][0], friction * corners[k][1]];
+    let on_generator = |k: usize| {
+        let g = generator(k);
+        let along = (dot(&g, x) / dot(&g, &g)).max(0.0);
+        g.map(|value| along * value)
+    };
+    let on_facet = |k: usize| {
+        let (g, h) = (generator(k), generator((k + 1) % count));
+        let (gg, hh, gh, gx, hx) = (
+            dot(&g, &g),
+            dot(&h, &h),
+            dot(&g, &h),
+            dot(&g, x),
+            dot(&h, x),
+        );
+        let determinant = gg * hh - gh * gh;
+        let (a, b) = (
+            (hh * gx - gh * hx) / determinant,
+            (gg * hx - gh * gx) / determinant,
+        );
+        let admissible = determinant > 1e-14 * gg * hh && a >= 0.0 && b >= 0.0;
+        admissible.then(|| std::array::from_fn(|r| a * g[r] + b * h[r]))
+    };
+    let distance = |y: &[f64; 3]| (0..3).map(|r| (x[r] - y[r]) * (x[r] - y[r])).sum::<f64>();
+    let candidates = (0..count)
+        .map(on_generator)
+        .chain((0..count).filter_map(on_facet));
+    candidates
+        .min_by(|one, other| distance(one).total_cmp(&distance(other)))
+        .unwrap_or([0.0; 3])
+}
+
+fn largest(values: impl Iterator<Item = f64>) -> f64 {
+    values.fold(0.0, |most, value| most.max(value.abs()))
+}
+
+/// Σ ‖map‖² over the contacts.
+fn squared<const R: usize>(
+    stack: &Stack,
+    impulse: &[f64],
+    velocity: &[f64],
+    map: impl Fn(f64, f64, &Vector<R>, &Vector<R>) -> Vector<R>,
+) -> f64 {
+    let (impulses, velocities) = (impulse.as_chunks::<R>().0, velocity.as_chunks::<R>().0);
+    let measures = stack.friction.iter().zip(&stack.scale);
+    let contacts = impulses.iter().zip(velocities).zip(measures);
+    contacts
+        .map(|((p, u), (&friction, &d))| {
+            let map = map(friction, d, p, u);
+            dot(&map, &map)
+        })
+        .sum()
+}
+
+/// d p - P_K(d p - û) as û + (x - P_K(x)), whose second term is zero inside the cone: û is not lost beside impulses that
+/// run off.
+fn cone_map(friction: f64, d: f64, p: &Vector<3>, u: &Vector<3>) -> Vector<3> {
+    let x: Vector<3> = std::array::from_fn(|r| d * p[r] - u[r]);
+    let inside = project(friction, &x);
+    std::array::from_fn(|r| u[r] + (x[r] - inside[r]))
+}
+
+/// The same for the half-line of the normal; tangential impulses should not be.
+fn normal_map<const R: usize>(d: f64, p: &Vector<R>, u: &Vector<R>) -> Vector<R> {
+    let mut map = p.map(|value| d * value);
+    map[0] = u[0] + (map[0] - u[0]).min(0.0);
+    map
+}

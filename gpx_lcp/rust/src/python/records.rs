@@ -1,0 +1,243 @@
+//! What a time step reads and leaves, as Python sees it: states, contacts and stacked systems; and the arrays they
+//! are made of.
+
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use parry3d_f64::math::{Pose, Rotation, Vector};
+use pyo3::prelude::*;
+
+use crate::bodies::{Bodies as BodyData, State as StateData, Twist};
+use crate::collision::Contact;
+use crate::stacking::Stack as StackData;
+
+pyo3::import_exception!(gpx_lcp.errors, ProblemError);
+
+pub type Floats<'py> = PyReadonlyArray1<'py, f64>;
+pub type Table<'py> = PyReadonlyArray2<'py, f64>;
+
+/// Poses and velocities of the moving bodies at one instant.
+#[pyclass(frozen, module = "gpx_lcp._core")]
+pub struct State(pub StateData);
+
+/// The contacts of one state.
+#[pyclass(frozen, module = "gpx_lcp._core")]
+pub struct Contacts {
+    pub contacts: Vec<Contact>,
+    /// Bodies from this index on never move.
+    pub moving: usize,
+    pub friction: Vec<f64>,
+}
+
+/// The stacked system of a step.
+#[pyclass(frozen, module = "gpx_lcp._core")]
+pub struct Stack(pub StackData);
+
+#[pymethods]
+impl State {
+    /// positions (moving, 3), orientations (moving, 4) as w, x, y, z, velocities (moving, 6).
+    #[new]
+    fn new(positions: Table<'_>, orientations: Table<'_>, velocities: Table<'_>) -> PyResult<Self> {
+        let positions = rows::<3>(&positions)?;
+        let orientations = rows::<4>(&orientations)?;
+        let velocities = rows::<6>(&velocities)?;
+        same_length("orientations", orientations.len(), positions.len())?;
+        same_length("velocities", velocities.len(), positions.len())?;
+        let both = positions.iter().zip(&orientations);
+        Ok(State(StateData {
+            poses: both
+                .map(|([x, y, z], [w, i, j, k])| pose(&[*x, *y, *z, *w, *i, *j, *k]))
+                .collect(),
+            velocities: velocities.iter().map(twist).collect(),
+        }))
+    }
+
+    #[getter]
+    fn positions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let all = self.0.poses.iter().flat_map(|p| p.translation.to_array());
+        table(py, all.collect(), 3)
+    }
+
+    #[getter]
+    fn orientations<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let wxyz = |p: &Pose| [p.rotation.w, p.rotation.x, p.rotation.y, p.rotation.z];
+        table(py, self.0.poses.iter().flat_map(wxyz).collect(), 4)
+    }
+
+    #[getter]
+    fn velocities<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        table(
+            py,
+            self.0.velocities.iter().flat_map(twist_row).collect(),
+            6,
+        )
+    }
+}
+
+#[pymethods]
+impl Contacts {
+    fn __len__(&self) -> usize {
+        self.contacts.len()
+    }
+
+    /// Body a of each contact, -1 where it never moves.
+    #[getter]
+    fn body_a<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i64>> {
+        self.bodies(py, 0)
+    }
+
+    /// Body b of each contact, -1 where it never moves.
+    #[getter]
+    fn body_b<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i64>> {
+        self.bodies(py, 1)
+    }
+
+    /// (n, 2): what touches on a and on b.
+    #[getter]
+    fn features<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<u32>>> {
+        let all = self.contacts.iter().flat_map(|c| c.features).collect();
+        PyArray1::from_vec(py, all).reshape([self.contacts.len(), 2])
+    }
+
+    /// (n, 3), m.
+    #[getter]
+    fn points<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let all = self.contacts.iter().flat_map(|c| c.point.to_array());
+        table(py, all.collect(), 3)
+    }
+
+    /// (n, 3, 3): normal from a to b, then the tangents.
+    #[getter]
+    fn frames<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f64>>> {
+        let rows = self.contacts.iter().flat_map(|c| c.frame);
+        let all = rows.flat_map(|row| row.to_array()).collect();
+        PyArray1::from_vec(py, all).reshape([self.contacts.len(), 3, 3])
+    }
+
+    /// (n,), m.
+    #[getter]
+    fn gaps<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_iter(py, self.contacts.iter().map(|c| c.gap))
+    }
+
+    /// (n,), Coulomb's coefficient of each pair.
+    #[getter]
+    fn friction<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, &self.friction)
+    }
+}
+
+impl Contacts {
+    pub fn new(bodies: &BodyData, contacts: Vec<Contact>) -> Self {
+        Self {
+            friction: contacts.iter().map(|c| bodies.friction(c.bodies)).collect(),
+            moving: bodies.moving,
+            contacts,
+        }
+    }
+
+    fn bodies<'py>(&self, py: Python<'py>, side: usize) -> Bound<'py, PyArray1<i64>> {
+        let index = |contact: &Contact| {
+            let body = contact.bodies[side] as usize;
+            if body < self.moving { body as i64 } else { -1 }
+        };
+        PyArray1::from_iter(py, self.contacts.iter().map(index))
+    }
+}
+
+#[pymethods]
+impl Stack {
+    /// The blocks of J and of Ĵ in block compressed sparse rows: (row_starts, columns, blocks, whitened blocks).
+    #[allow(clippy::type_complexity)]
+    fn jacobian<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<(
+        Bound<'py, PyArray1<i32>>,
+        Bound<'py, PyArray1<i32>>,
+        Bound<'py, PyArray3<f64>>,
+        Bound<'py, PyArray3<f64>>,
+    )> {
+        let stack = &self.0;
+        let shape = [stack.columns.len(), stack.layout.rows, stack.layout.columns];
+        Ok((
+            PyArray1::from_iter(py, stack.row_starts.iter().map(|&start| start as i32)),
+            PyArray1::from_iter(py, stack.columns.iter().map(|&body| body as i32)),
+            PyArray1::from_slice(py, &stack.blocks).reshape(shape)?,
+            PyArray1::from_slice(py, &stack.whitened).reshape(shape)?,
+        ))
+    }
+
+    /// M⁻¹ as (moving, columns, columns) blocks.
+    fn inverse_mass<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f64>>> {
+        let (bodies, columns) = (self.0.roots.len(), self.0.layout.columns);
+        PyArray1::from_vec(py, self.0.inverse_mass()).reshape([bodies, columns, columns])
+    }
+
+    /// The velocities of the bodies after every force but contact, (moving, columns).
+    #[getter]
+    fn free_velocities<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let columns = self.0.layout.columns;
+        let rows = self.0.free.iter().map(twist_row);
+        let numbers = rows.flat_map(|row| row.into_iter().take(columns)).collect();
+        table(py, numbers, columns)
+    }
+
+    /// (rows n,), m/s.
+    #[getter]
+    fn target<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, &self.0.b)
+    }
+
+    /// (n,), Coulomb's coefficient of each contact.
+    #[getter]
+    fn friction<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, &self.0.friction)
+    }
+}
+
+pub fn same_length(name: &str, have: usize, want: usize) -> PyResult<()> {
+    if have != want {
+        return Err(ProblemError::new_err(format!(
+            "{name} has {have} entries, but {want} are needed"
+        )));
+    }
+    Ok(())
+}
+
+/// The rows of a C-ordered table of `N` columns.
+pub fn rows<const N: usize>(table: &Table<'_>) -> PyResult<Vec<[f64; N]>> {
+    let (rows, rest) = table.as_slice()?.as_chunks::<N>();
+    if table.as_array().ncols() != N || !rest.is_empty() {
+        return Err(ProblemError::new_err(format!(
+            "a table has {} columns, but {N} are needed",
+            table.as_array().ncols()
+        )));
+    }
+    Ok(rows.to_vec())
+}
+
+pub fn table<'py>(
+    py: Python<'py>,
+    numbers: Vec<f64>,
+    columns: usize,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let rows = numbers.len() / columns;
+    PyArray1::from_vec(py, numbers).reshape([rows, columns])
+}
+
+pub fn pose(row: &[f64; 7]) -> Pose {
+    let [x, y, z, w, i, j, k] = *row;
+    Pose::from_parts(Vector::new(x, y, z), Rotation::from_xyzw(i, j, k, w))
+}
+
+pub fn twist(row: &[f64; 6]) -> Twist {
+    let [x, y, z, a, b, c] = *row;
+    Twist {
+        linear: Vector::new(x, y, z),
+        angular: Vector::new(a, b, c),
+    }
+}
+
+pub fn twist_row(twist: &Twist) -> [f64; 6] {
+    let ([x, y, z], [a, b, c]) = (twist.linear.to_array(), twist.angular.to_array());
+    [x, y, z, a, b, c]
+}

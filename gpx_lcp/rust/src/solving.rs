@@ -1,0 +1,293 @@
+//! From a stacked system to its impulses by one of the core's own methods, with the residual of what they found.
+
+use std::time::{Duration, Instant};
+
+use crate::contact::Law;
+use crate::delassus::{BlockRows, Factored};
+use crate::exact;
+use crate::friction_cone::{ConvexCone, Coulomb};
+use crate::gauss_seidel::{self, Settings, Stop};
+use crate::program::Program;
+use crate::small_matrix::Vector;
+use crate::stacking::Stack;
+
+/// Whether the caller wants to stop; asked often.
+pub type Interrupted<'a> = &'a (dyn Fn() -> bool + Sync);
+
+/// How to solve: the method and how hard it tries.
+#[derive(Clone)]
+pub struct Effort {
+    pub program: Program,
+    pub method: Method,
+    /// Bound on the residual at which the answer counts as solved.
+    pub tolerance: f64,
+}
+
+#[derive(Clone)]
+pub enum Method {
+    Sweeps(Settings),
+    Exact {
+        method: exact::Method,
+        tolerance: f64,
+        max_iterations: usize,
+        /// s
+        time_limit: Option<f64>,
+    },
+}
+
+/// Why a solver stopped; solved only where the residual says so.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Status {
+    #[default]
+    Solved,
+    MaxIterations,
+    Stalled,
+    Infeasible,
+    NumericalError,
+}
+
+#[derive(Clone, Debug, Default)]
+pub struct Answer {
+    /// Rows per contact, N s.
+    pub impulse: Vec<f64>,
+    pub status: Status,
+    /// Of the program, on the system as it was stacked.
+    pub residual: f64,
+    pub iterations: usize,
+    pub setup: Duration,
+    pub elapsed: Duration,
+    pub history: Vec<(usize, f64)>,
+    pub details: Details,
+}
+
+/// What only one of the methods tells.
+#[derive(Clone, Debug, Default)]
+pub enum Details {
+    /// There was nothing to solve.
+    #[default]
+    Nothing,
+    Sweeps(Stop),
+    Exact {
+        factorisations: usize,
+        fill: usize,
+        fallbacks: Vec<&'static str>,
+        infeasibility: Option<Vec<f64>>,
+    },
+}
+
+/// Solve the system from the impulses `start`; None where the caller interrupts it.
+pub fn solve(
+    stack: &Stack,
+    effort: &Effort,
+    start: Option<&[f64]>,
+    interrupted: Interrupted,
+) -> Option<Answer> {
+    if stack.b.iter().all(|value| *value == 0.0) {
+        return Some(Answer {
+            impulse: vec![0.0; stack.b.len()],
+            ..Answer::default()
+        });
+    }
+    let mut answer = match &effort.method {
+        Method::Sweeps(settings) => sweep(
+            stack,
+            &stack.b,
+            &effort.program,
+            settings,
+            start,
+            interrupted,
+        )?,
+        Method::Exact {
+            method,
+            tolerance,
+            max_iterations,
+            time_limit,
+        } => {
+            let limits = exact::Limits::new(*tolerance, *max_iterations, *time_limit, interrupted);
+            solve_exactly(stack, &effort.program, *method, &limits, start)?
+        }
+    };
+    answer.residual = effort.program.residual(stack, &answer.impulse);
+    if answer.residual <= effort.tolerance {
+        answer.status = Status::Solved;
+    } else if answer.status == Status::Solved {
+        answer.status = Status::Stalled;
+    }
+    Some(answer)
+}
+
+fn solve_exactly(
+    stack: &Stack,
+    program: &Program,
+    method: exact::Method,
+    limits: &exact::Limits,
+    start: Option<&[f64]>,
+) -> Option<Answer> {
+    let begun = Instant::now();
+    let law = match program {
+        Program::Normal => exact::Law::Normal,
+        Program::Cone => exact::Law::Cone,
+        Program::Coulomb => exact::Law::Coulomb,
+        Program::Polygon(_) => unreachable!("no exact method solves polygons: refused when made"),
+    };
+    let matrix = exact::BlockMatrix {
+        starts: stack.row_starts.clone(),
+        columns: stack.columns.clone(),
+        values: stack.whitened.clone(),
+        height: stack.layout.rows,
+        width: stack.layout.columns,
+        block_columns: stack.roots.len(),
+    };
+    let form = exact::Form::Velocity;
+    let problem = exact::Problem::new(matrix, &form, &stack.b, &stack.friction, law)
+        .expect("a stack has as many entries of B and coefficients as contacts");
+    let prepared = Instant::now();
+    let report = exact::solve(&problem, method, limits, start);
+    if report.residual > limits.tolerance && limits.interrupted() {
+        return None;
+    }
+    Some(Answer {
+        impulse: report.impulse,
+        status: match report.status {
+            exact::Status::Solved => Status::Solved,
+            exact::Status::MaxIterations => Status::MaxIterations,
+            exact::Status::Stalled => Status::Stalled,
+            exact::Status::Infeasible => Status::Infeasible,
+        },
+        residual: report.residual,
+        iterations: report.iterations,
+        setup: prepared - begun,
+        elapsed: prepared.elapsed(),
+        history: report.history,
+        details: Details::Exact {
+            factorisations: report.factorisations,
+            fill: report.fill,
+            fallbacks: report.fallbacks,
+            infeasibility: report.infeasibility,
+        },
+    })
+}
+
+/// Sweep over the stacked contacts with `b` in the place of B; None where the caller interrupts it.
+pub fn sweep(
+    stack: &Stack,
+    b: &[f64],
+    program: &Program,
+    settings: &Settings,
+    start: Option<&[f64]>,
+    interrupted: Interrupted,
+) -> Option<Answer> {
+    let go_on = &mut || !interrupted();
+    let question = Question { stack, b, start };
+    match (stack.layout.rows, stack.layout.columns, program) {
+        (1, 3, _) | (_, 3, Program::Normal) => {
+            question.sweep::<1, 3, _>(&Coulomb, true, settings, go_on)
+        }
+        (1, _, _) | (_, _, Program::Normal) => {
+            question.sweep::<1, 6, _>(&Coulomb, true, settings, go_on)
+        }
+        (_, 3, program) => question.sweep_with_friction::<3>(program, settings, go_on),
+        (_, _, program) => question.sweep_with_friction::<6>(program, settings, go_on),
+    }
+}
+
+struct Question<'a> {
+    stack: &'a Stack,
+    b: &'a [f64],
+    start: Option<&'a [f64]>,
+}
+
+impl Question<'_> {
+    fn sweep_with_friction<const D: usize>(
+        &self,
+        program: &Program,
+        settings: &Settings,
+        go_on: &mut dyn FnMut() -> bool,
+    ) -> Option<Answer> {
+        match program {
+            Program::Cone => self.sweep::<3, D, _>(&ConvexCone, false, settings, go_on),
+            Program::Polygon(corners) => {
+                self.sweep::<3, D, _>(&Program::polygon(corners), false, settings, go_on)
+            }
+            _ => self.sweep::<3, D, _>(&Coulomb, false, settings, go_on),
+        }
+    }
+
+    /// Sweep over the first R rows of each contact.
+    fn sweep<const R: usize, const D: usize, L: Law<R>>(
+        &self,
+        law: &L,
+        frictionless: bool,
+        settings: &Settings,
+        go_on: &mut dyn FnMut() -> bool,
+    ) -> Option<Answer> {
+        let begun = Instant::now();
+        let Question { stack, b, start } = *self;
+        let rows = stack.layout.rows;
+        // p is proportional to B. A power of two changes no digit, and keeps squares of tiny or huge velocities finite.
+        let unit = power_of_two_above(b.iter().fold(0.0, |most, value| value.abs().max(most)));
+        let first_rows = |values: &[f64]| -> Vec<Vector<R>> {
+            let contacts = values.chunks_exact(rows);
+            contacts
+                .map(|row| std::array::from_fn(|r| row[r] / unit))
+                .collect()
+        };
+        let target = first_rows(b);
+        let start = start.map_or_else(|| vec![[0.0; R]; stack.contacts()], first_rows);
+        let none = if frictionless {
+            vec![0.0; stack.contacts()]
+        } else {
+            Vec::new()
+        };
+        let square: f64 = b.iter().map(|value| (value / unit) * (value / unit)).sum();
+        let problem = gauss_seidel::Problem {
+            target: &target,
+            friction: if frictionless { &none } else { &stack.friction },
+            scale: &stack.scale,
+            target_norm: square.sqrt(),
+        };
+        let mut delassus = Factored::new(block_rows::<R, D>(stack), stack.roots.len());
+        let outcome = gauss_seidel::solve(&mut delassus, law, &problem, &start, settings, go_on);
+        let status = match outcome.stop {
+            Stop::Solved => Status::Solved,
+            Stop::MaxSweeps | Stop::TimeLimit => Status::MaxIterations,
+            Stop::Stalled => Status::Stalled,
+            Stop::NumericalError => Status::NumericalError,
+            Stop::Interrupted => return None,
+        };
+        let mut impulse = vec![0.0; b.len()];
+        for (all, p) in impulse.chunks_exact_mut(rows).zip(&outcome.impulse) {
+            for r in 0..R {
+                all[r] = unit * p[r];
+            }
+        }
+        Some(Answer {
+            impulse,
+            status,
+            residual: outcome
+                .history
+                .last()
+                .map_or(0.0, |(_, residual)| *residual),
+            iterations: outcome.sweeps,
+            setup: begun.elapsed().saturating_sub(outcome.elapsed),
+            elapsed: outcome.elapsed,
+            history: outcome.history,
+            details: Details::Sweeps(outcome.stop),
+        })
+    }
+}
+
+fn block_rows<const R: usize, const D: usize>(stack: &Stack) -> BlockRows<R, D> {
+    let starts: Vec<i64> = stack.row_starts.iter().map(|&start| start as i64).collect();
+    let columns: Vec<i64> = stack.columns.iter().map(|&body| i64::from(body)).collect();
+    let blocks = stack.whitened.chunks_exact(stack.layout.rows * D);
+    let first_rows: Vec<f64> = blocks.flat_map(|block| &block[..R * D]).copied().collect();
+    BlockRows::new(&starts, &columns, &first_rows, stack.roots.len())
+        .expect("the blocks of a stack belong to its bodies")
+}
+
+/// The power of two just above a positive number.
+fn power_of_two_above(value: f64) -> f64 {
+    let exponent = (value.to_bits() >> 52 & 0x7ff) as i32 - 1022;
+    2.0_f64.powi(exponent)
+}
