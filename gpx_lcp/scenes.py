@@ -6,19 +6,26 @@ the ground is the half-space below z = 0. Bodies that rest on each other touch e
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
 from gpx_lcp.errors import ProblemError
 from gpx_lcp.materials import Material
 from gpx_lcp.scene import Scene
-from gpx_lcp.shapes import Box, HalfSpace, Sphere
+from gpx_lcp.shapes import Box, ConvexHull, Cylinder, HalfSpace, Sphere
 
 __all__ = [
+    "arch",
+    "bricks",
+    "card_house",
     "column",
     "cradle",
+    "cylinders",
     "heavy_on_light",
     "incline",
     "pyramid",
@@ -27,12 +34,22 @@ __all__ = [
     "table",
     "tower",
     "wall",
+    "wedge",
 ]
 
 # Between bricks of one row, as a share of their length: wide enough that neighbours never count as touching.
 BRICK_GAP: Final = 0.01
 # Between cubes of one row of a pyramid.
 PYRAMID_PITCH: Final = 1.1
+# Inner and outer radius of the arch, m: thickness 2/9 of the mean radius, twice what a semicircle needs.
+ARCH_RADII: Final = (4.0, 5.0)
+# Of a house of cards: the slope of a leaning card to the vertical, height of a storey, thickness of a card, distance of
+# neighbouring pairs, and the slit between two roof cards, m.
+CARD_LEAN: Final = math.radians(15.0)
+CARD_HEIGHT: Final = 1.0
+CARD_THICKNESS: Final = 0.02
+CARD_PITCH: Final = 0.8
+CARD_SLIT: Final = 0.002
 
 
 def _count(name: str, value: int, least: int = 1) -> int:
@@ -190,3 +207,134 @@ def column(n: int) -> Scene:
     for k in range(_count("n", n)):
         scene.add_point_mass(1.0, position=(0.0, 0.0, k + 0.5), shape=Sphere(0.5), material=material)
     return scene
+
+
+def wedge(angle: float, friction: float = 0.5, speed: float = 0.0) -> Scene:
+    """Return a block of 1 kg that fits between two fixed walls, each at `angle` rad to the vertical, open upwards.
+
+    The groove runs along y; the block is 1 m long and high, 1 m wide at half its height, and starts with `speed` along
+    the groove. Four contacts to a wall.
+
+    With angle 0 the walls are parallel and nothing presses the block against them, so that Coulomb's law leaves open
+    what happens: every fall between that with g and none at all is an exact solution, with normal impulses to match.
+    With a positive angle and no friction each wall carries m g / (2 sin(angle)). A block that slides along the groove
+    is slowed by friction g / sin(angle). Pulled upwards, it leaves freely if friction < tan(angle); else it may as
+    well stay, held by stress of its own making.
+
+    Source: D. Horak, J. Trinkle, *On the similarities and differences among contact models in robot simulation*, IEEE
+    Robot. Autom. Lett. 4 (2019), the wedging example, for the parallel walls.
+    """
+    if not (math.isfinite(angle) and 0.0 <= angle < 0.25 * math.pi):
+        raise ProblemError(f"angle is {angle!r}: it must be at least 0 and below π/4 rad")
+    scene = Scene()
+    material = Material(friction)
+    for side in (-1.0, 1.0):
+        normal = (-side * math.cos(angle), 0.0, math.sin(angle))
+        scene.add_static(HalfSpace(normal), position=(0.5 * side, 0.0, 0.0), material=material, name="wall")
+    half = {z: 0.5 + z * math.tan(angle) for z in (-0.5, 0.5)}
+    block = _prism([(x, z) for z in half for x in (-half[z], half[z])], 1.0)
+    scene.add_rigid(block, 1.0, position=block.centroid, velocity=(0.0, speed, 0.0), material=material)
+    return scene
+
+
+def arch(stones: int = 25, friction: float = 0.8) -> Scene:
+    """Return a semicircular arch of equal stones of 1 kg, from left to right, between two fixed springers at z = 0.
+
+    Radii 4 and 5 m, depth 1 m. The load on each springer is half the weight; the thrust in the arch is indeterminate.
+    Safe theorem: it can stand if a line of thrust fits inside whose angle with the joints' normals is below that of
+    friction, which takes a thickness of 0.1075 of the mean radius, here 0.2222, and a friction of about 0.4.
+
+    Source: J. Heyman, *The safety of masonry arches*, Int. J. Mech. Sci. 11 (1969), after Milankovitch (1907).
+    """
+    scene = Scene()
+    material = Material(friction)
+    inner, outer = ARCH_RADII
+    for side in (-1.0, 1.0):
+        position = (0.5 * side * (inner + outer), 0.0, -0.5)
+        scene.add_static(Box(2.0 * (outer - inner), 2.0, 1.0), position=position, material=material, name="springer")
+    angles = np.linspace(math.pi, 0.0, _count("stones", stones, 3) + 1)
+    # sin(π) is not quite zero, and the stones are to stand on their springers.
+    joints = [np.array([math.cos(a), abs(math.sin(a)) if 0.0 < a < math.pi else 0.0]) for a in angles]
+    for left, right in itertools.pairwise(joints):
+        stone = _prism([radius * joint for joint in (left, right) for radius in ARCH_RADII], 1.0)
+        scene.add_rigid(stone, 1.0, position=stone.centroid, material=material)
+    return scene
+
+
+def card_house(levels: int = 4, friction: float = 0.5) -> Scene:
+    """Return a house of cards: `levels` pairs of leaning cards in the lowest storey, one less in each above, and roofs.
+
+    Cards weigh 1 kg; leaning ones stand 1 m high at 15° to the vertical, 2 cm thick and 0.7 m wide. Their ends are cut
+    so that they stand, lean on each other and carry the next roof with faces, not edges. A roof card of 2 cm bridges
+    two neighbouring pairs and carries the pair above it: levels (levels + 1) leaning cards and levels (levels - 1)/2
+    roofs, contacts on 12 faces of four for each pair with roofs on both halves.
+
+    A leaning card under weight w and load q at its top pushes outwards with about (w/2 + q) tan 15°, and its foot
+    carries w + q: a friction of tan 15° = 0.2679 is enough for it to stand, whatever the number of storeys. The ground
+    carries the whole weight.
+    """
+    scene, material = _on_ground(friction)
+    run, foot = CARD_HEIGHT * math.tan(CARD_LEAN), CARD_THICKNESS / math.cos(CARD_LEAN)
+    # The left card of a pair whose middle is x = 0, anticlockwise from the outer end of its foot.
+    reach = run + 0.5 * foot
+    corners = [(-reach, 0.0), (foot - reach, 0.0), (0.0, CARD_HEIGHT - 0.5 * foot / math.tan(CARD_LEAN))]
+    corners += [(0.0, CARD_HEIGHT), (-0.5 * foot, CARD_HEIGHT)]
+    roof = Box(CARD_PITCH - CARD_SLIT, 0.7, CARD_THICKNESS)
+    floor = 0.0
+    for level in range(_count("levels", levels)):
+        pairs = levels - level
+        middles = [(k - 0.5 * (pairs - 1)) * CARD_PITCH for k in range(pairs)]
+        for middle in middles:
+            for side in (1.0, -1.0):
+                card = _prism([(side * x, z) for x, z in corners], 0.7)
+                position = card.centroid + np.array([middle, 0.0, floor])
+                scene.add_rigid(card, 1.0, position=position, material=material)
+        floor += CARD_HEIGHT
+        for left, right in itertools.pairwise(middles):
+            position = (0.5 * (left + right), 0.0, floor + 0.5 * CARD_THICKNESS)
+            scene.add_rigid(roof, 1.0, position=position, material=material, name=f"roof of level {level}")
+        floor += CARD_THICKNESS
+    return scene
+
+
+def cylinders(between: float = 0.3, ground: float = 0.1) -> Scene:
+    """Return three equal cylinders of 1 kg along y, two side by side on the ground and the third on top of them.
+
+    Radius 0.5 m, length 2 m; friction `between` the cylinders and with the `ground`. They stand if and only if
+    between >= tan 15° = 0.2679 and ground >= tan 15° / 3 = 0.0893. For moments about its axis the friction on a lower
+    cylinder is the same, s, above and below; with the load n from the top one, 30° off the vertical, its balance along
+    x is n sin 30° = s (1 + cos 30°). On the top one 2 (n cos 30° + s sin 30°) = m g, so that n = m g / 2, and the
+    ground carries 3/2 m g under each. Stress between the lower two would only ask for more friction.
+    """
+    scene = Scene()
+    material = Material(between)
+    rule = "minimum" if ground <= between else "maximum"
+    scene.add_static(HalfSpace(), material=Material(ground, friction_rule=rule), name="ground")
+    turned = (math.cos(0.25 * math.pi), math.sin(0.25 * math.pi), 0.0, 0.0)
+    for x, z in ((-0.5, 0.5), (0.5, 0.5), (0.0, 0.5 + 0.5 * math.sqrt(3.0))):
+        scene.add_rigid(Cylinder(0.5, 2.0), 1.0, position=(x, 0.0, z), orientation=turned, material=material)
+    return scene
+
+
+def bricks(n: int, share: float = 0.999, friction: float = 0.5) -> Scene:
+    """Return `n` bricks of 2 × 1 × 1 m and 1 kg that lean out over the edge x = 0 of a table, the lowest first.
+
+    The k-th from the top reaches share/k m beyond what carries it. At share 1 the centre of mass of any k topmost
+    bricks is right above an edge and the top one overhangs by the harmonic sum Σ 1/k m, in bricks' lengths Σ 1/(2k):
+    1.0417 for four. Below it stands, above it topples; a single brick with the angular acceleration m g d / (I + m r²),
+    where d = share - 1 is how far the centre is beyond the edge, r² = d² + 1/4 and I = 5/12 m.
+    """
+    scene = Scene()
+    material = Material(friction)
+    scene.add_static(Box(6, 2, 1), position=(-3.0, 0.0, -0.5), material=material, name="table")
+    end = 0.0
+    for level in range(_count("n", n)):
+        end += share / (n - level)
+        scene.add_rigid(Box(2, 1, 1), 1.0, position=(end - 1.0, 0.0, level + 0.5), material=material)
+    return scene
+
+
+def _prism(corners: Sequence[npt.ArrayLike], depth: float) -> ConvexHull:
+    """Return the convex body with these corners in the x-z plane and `depth` along y, centred there."""
+    flat = np.asarray(corners, dtype=np.float64)
+    return ConvexHull([(x, y, z) for y in (-0.5 * depth, 0.5 * depth) for x, z in flat])
