@@ -241,8 +241,9 @@ def arch(stones: int = 25, friction: float = 0.8) -> Scene:
     """Return a semicircular arch of equal stones of 1 kg, from left to right, between two fixed springers at z = 0.
 
     Radii 4 and 5 m, depth 1 m. The load on each springer is half the weight; the thrust in the arch is indeterminate.
-    Safe theorem: it can stand if a line of thrust fits inside whose angle with the joints' normals is below that of
-    friction, which takes a thickness of 0.1075 of the mean radius, here 0.2222, and a friction of about 0.4.
+    It stands where a line of thrust fits inside it, at angles to the joints' normals below that of friction: that takes
+    a thickness of 0.1075 of the mean radius, here 0.2222, and for 25 stones a friction of 0.3077, which is the least
+    for which the linear program of plane equilibrium has a solution.
 
     Source: J. Heyman, *The safety of masonry arches*, Int. J. Mech. Sci. 11 (1969), after Milankovitch (1907).
     """
@@ -267,11 +268,11 @@ def card_house(levels: int = 4, friction: float = 0.5) -> Scene:
     Cards weigh 1 kg; leaning ones stand 1 m high at 15° to the vertical, 2 cm thick and 0.7 m wide. Their ends are cut
     so that they stand, lean on each other and carry the next roof with faces, not edges. A roof card of 2 cm bridges
     two neighbouring pairs and carries the pair above it: levels (levels + 1) leaning cards and levels (levels - 1)/2
-    roofs, contacts on 12 faces of four for each pair with roofs on both halves.
+    roofs. The ground carries the whole weight.
 
-    A leaning card under weight w and load q at its top pushes outwards with about (w/2 + q) tan 15°, and its foot
-    carries w + q: a friction of tan 15° = 0.2679 is enough for it to stand, whatever the number of storeys. The ground
-    carries the whole weight.
+    A leaning card under weight w and load q at its top pushes outwards with about (w/2 + q) tan 15° = 0.268 (w/2 + q),
+    and its foot carries w + q. By the linear program of plane equilibrium four levels stand from a friction of 0.2256
+    on, one level from 0.1223.
     """
     scene, material = _on_ground(friction)
     run, foot = CARD_HEIGHT * math.tan(CARD_LEAN), CARD_THICKNESS / math.cos(CARD_LEAN)
@@ -305,6 +306,8 @@ def cylinders(between: float = 0.3, ground: float = 0.1) -> Scene:
     cylinder is the same, s, above and below; with the load n from the top one, 30° off the vertical, its balance along
     x is n sin 30° = s (1 + cos 30°). On the top one 2 (n cos 30° + s sin 30°) = m g, so that n = m g / 2, and the
     ground carries 3/2 m g under each. Stress between the lower two would only ask for more friction.
+
+    Below the threshold of the ground velocities have no single answer: the three may yaw as they slide out, or not.
     """
     scene = Scene()
     material = Material(between)
