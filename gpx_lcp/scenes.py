@@ -241,9 +241,9 @@ def arch(stones: int = 25, friction: float = 0.8) -> Scene:
     """Return a semicircular arch of equal stones of 1 kg, from left to right, between two fixed springers at z = 0.
 
     Radii 4 and 5 m, depth 1 m. The load on each springer is half the weight; the thrust in the arch is indeterminate.
-    It stands where a line of thrust fits inside it, at angles to the joints' normals below that of friction: that takes
-    a thickness of 0.1075 of the mean radius, here 0.2222, and for 25 stones a friction of 0.3077, which is the least
-    for which the linear program of plane equilibrium has a solution.
+    It can stand where a line of thrust fits inside it, at angles to the joints' normals below that of friction: that
+    takes a thickness of 0.1075 of the mean radius, here 0.2222, and for 25 stones a friction of 0.3077, which is the
+    least for which the linear program of plane equilibrium has a solution.
 
     Source: J. Heyman, *The safety of masonry arches*, Int. J. Mech. Sci. 11 (1969), after Milankovitch (1907).
     """
@@ -271,8 +271,8 @@ def card_house(levels: int = 4, friction: float = 0.5) -> Scene:
     roofs. The ground carries the whole weight.
 
     A leaning card under weight w and load q at its top pushes outwards with about (w/2 + q) tan 15° = 0.268 (w/2 + q),
-    and its foot carries w + q. By the linear program of plane equilibrium four levels stand from a friction of 0.2256
-    on, one level from 0.1223.
+    and its foot carries w + q. By the linear program of plane equilibrium four levels can stand from a friction of
+    0.2256 on, one level from 0.1223.
     """
     scene, material = _on_ground(friction)
     run, foot = CARD_HEIGHT * math.tan(CARD_LEAN), CARD_THICKNESS / math.cos(CARD_LEAN)
