@@ -1,7 +1,10 @@
 """Systems at the edge of what has an answer, and what must not matter: Painlevé's rod, driven walls, order, units."""
 
+import math
+
 import numpy as np
 import pytest
+import scipy.sparse
 
 import gpx_lcp as gpx
 from gpx_lcp import scenes
@@ -87,6 +90,15 @@ def test_painleve_rod_that_is_leaving_above_its_threshold_leaves(solver):
 # No solution at all
 
 
+def tumbling_wall(rows, seed):
+    """Return the first step of a wall whose bricks start with random velocities."""
+    rest = system_of(scenes.wall(rows))
+    free = rest.free_velocity + np.random.default_rng(seed).normal(size=rest.free_velocity.size)
+    return gpx.StackedSystem.from_jacobian(
+        rest.jacobian, rest.inverse_mass, -(rest.jacobian @ free), rest.friction, free_velocity=free
+    )
+
+
 def require_infeasible(system, solver):
     """Verify y without the solver's help: in the cone, A y = 0 and Bᵀ y > 0, so that A p - B cannot be in K*."""
     solution = gpx.solve(system, "coulomb", solver, tolerance=TOLERANCE)
@@ -136,22 +148,52 @@ def test_walls_driven_into_a_block_in_space_have_no_solution(solver, friction, c
 
 @both_solvers
 def test_a_groove_driven_together_throws_the_block_out(solver):
-    """Walls at an angle can always be escaped upwards: feasible at any speed, and solved."""
+    """Where friction < tan(angle) the block can always leave upwards: feasible at any speed, and solved."""
     solution = gpx.solve(driven_walls(1.0, 0.1, angle=0.3), "coulomb", solver, tolerance=TOLERANCE)
     assert solution.status is gpx.Status.SOLVED
     assert solution.certificate.natural_map <= TOLERANCE
 
 
-# Order, repetition and units
-
-
-def tumbling_wall(rows, seed):
-    """Return the first step of a wall whose bricks start with random velocities."""
-    rest = system_of(scenes.wall(rows))
-    free = rest.free_velocity + np.random.default_rng(seed).normal(size=rest.free_velocity.size)
+def side_by_side(*systems):
+    """Return systems that do not touch each other as one."""
     return gpx.StackedSystem.from_jacobian(
-        rest.jacobian, rest.inverse_mass, -(rest.jacobian @ free), rest.friction, free_velocity=free
+        scipy.sparse.block_diag([each.jacobian.tocoo() for each in systems]),
+        np.concatenate([each.inverse_mass for each in systems]),
+        np.concatenate([each.B for each in systems]),
+        np.concatenate([each.friction for each in systems]),
     )
+
+
+@both_solvers
+def test_a_jam_beside_a_tower_is_found(solver):
+    require_infeasible(side_by_side(system_of(scenes.tower(5)), driven_walls(1.0)), solver)
+
+
+@both_solvers
+@pytest.mark.xfail(strict=True, reason="the one large step that gives y still carries impulses of the wall")
+def test_a_jam_beside_a_tumbling_wall_is_found(solver):
+    require_infeasible(side_by_side(tumbling_wall(3, 0), driven_walls(0.01)), solver)
+
+
+@both_solvers
+def test_a_groove_that_friction_locks_is_not_called_solved(solver):
+    """A point mass between walls at an angle α that close on it, with μ > tan α: no solution, and no simple proof.
+
+    Not to be run through it has to leave upwards, v_z sin α >= 1. Then it slips up both walls, and the vertical
+    impulse of each is p_n (sin α - μ cos α) < 0. Without friction it would leave, so that no frictionless y exists.
+    """
+    angle, friction = 0.3, 0.5
+    sine, cosine = math.sin(angle), math.cos(angle)
+    jacobian = [[side * cosine, 0.0, sine, 0.0, side, 0.0, -side * sine, 0.0, cosine] for side in (1.0, -1.0)]
+    B = np.array([[1.0, 0.0, 0.0]] * 2)
+    system = gpx.StackedSystem.from_jacobian(np.reshape(jacobian, (6, 3)), np.ones(3), B.reshape(-1), [friction] * 2)
+    solution = gpx.solve(system, "coulomb", solver, tolerance=TOLERANCE)
+    assert solution.status not in (gpx.Status.SOLVED, gpx.Status.INFEASIBLE)
+    assert solution.certificate.natural_map > 1e-3
+    assert np.isfinite(solution.impulse).all()
+
+
+# Order, repetition and units
 
 
 def reordered(system, order):
