@@ -108,7 +108,6 @@ def test_heavy_cube_on_light_ones_weighs_what_it_weighs(solver, ratio):
 
 @both_solvers
 @pytest.mark.parametrize(("ratio", "tolerance"), [(1e6, 1e-10), (1e7, 1e-8)])
-@pytest.mark.xfail(strict=True, reason="the test for infeasibility takes A y small beside y for A y = 0")
 def test_a_load_too_heavy_for_the_tolerance_is_not_called_infeasible(solver, ratio, tolerance):
     """The answer is there, loads (ratio + n - 1 - k) g; rounding alone is in the way of the last digits."""
     solution = gpx.solve(system_of(scenes.heavy_on_light(10, ratio)), "coulomb", solver, tolerance=tolerance)

@@ -106,11 +106,15 @@ pub fn proximal_newton(
     steps
 }
 
-/// The first step from rest, P_K(p_1), with this trust.
-pub fn single_step(problem: &Problem, system: &mut NewtonSystem, sigma: f64) -> Vec<Vector> {
-    let centre = vec![ZERO; problem.contacts()];
+/// One step from these impulses, P_K(p_{k+1}), with this trust.
+pub fn single_step(
+    problem: &Problem,
+    system: &mut NewtonSystem,
+    centre: &[Vector],
+    sigma: f64,
+) -> Vec<Vector> {
     let mut trial = Trial::new(problem.contacts());
-    solve_inner(problem, system, &centre, sigma, 0.0, HARD, &mut trial);
+    solve_inner(problem, system, centre, sigma, 0.0, HARD, &mut trial);
     let mut unused = IDENTITY;
     let parts = trial.p.iter().zip(&problem.friction);
     parts.map(|(p, &mu)| project(p, mu, &mut unused)).collect()
