@@ -25,6 +25,7 @@ pub mod small_matrix;
 pub mod solving;
 pub mod stacking;
 pub mod stepping;
+mod sweeper;
 
 #[cfg(feature = "python")]
 mod python;
