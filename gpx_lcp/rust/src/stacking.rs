@@ -87,13 +87,23 @@ impl Stack {
 
     /// w = Ĵᵀ p, body by body; the impulses have rows entries per contact.
     fn body_states(&self, impulse: &[f64]) -> Vec<[f64; 6]> {
-        let Layout { rows, columns } = self.layout;
+        match (self.layout.rows, self.layout.columns) {
+            (1, 3) => self.body_states_sized::<1, 3>(impulse),
+            (1, _) => self.body_states_sized::<1, 6>(impulse),
+            (_, 3) => self.body_states_sized::<3, 3>(impulse),
+            (_, _) => self.body_states_sized::<3, 6>(impulse),
+        }
+    }
+
+    fn body_states_sized<const R: usize, const C: usize>(&self, impulse: &[f64]) -> Vec<[f64; 6]> {
         let mut states = vec![[0.0; 6]; self.roots.len()];
-        for (contact, p) in impulse.chunks_exact(rows).enumerate() {
-            for (body, block) in self.whitened_row(contact) {
-                for (value, row) in p.iter().zip(block.chunks_exact(columns)) {
-                    for (sum, entry) in states[body].iter_mut().zip(row) {
-                        *sum += value * entry;
+        let lines = self.whitened.as_chunks::<C>().0;
+        for (contact, p) in impulse.as_chunks::<R>().0.iter().enumerate() {
+            for block in self.row_starts[contact]..self.row_starts[contact + 1] {
+                let state = &mut states[self.columns[block] as usize];
+                for (value, line) in p.iter().zip(&lines[block * R..][..R]) {
+                    for c in 0..C {
+                        state[c] += value * line[c];
                     }
                 }
             }
@@ -181,6 +191,7 @@ pub fn stack(
         linear: 1.0 / bodies.masses[body].sqrt(),
         angular: Matrix::from_quat(pose.rotation) * bodies.inverse_inertia_roots[body],
     }));
+    let (mut pair, mut friction, mut restitution) = ([u32::MAX; 2], 0.0, 0.0);
     for contact in contacts {
         for (body, sign) in [(contact.bodies[0], -1.0), (contact.bodies[1], 1.0)] {
             let body = body as usize;
@@ -203,7 +214,11 @@ pub fn stack(
             }
         }
         result.row_starts.push(result.columns.len());
-        result.friction.push(bodies.friction(contact.bodies));
+        if pair != contact.bodies {
+            pair = contact.bodies;
+            (friction, restitution) = (bodies.friction(pair), bodies.restitution(pair));
+        }
+        result.friction.push(friction);
         let contact_blocks = result.row_starts[result.row_starts.len() - 2]..result.columns.len();
         let mut diagonal = [0.0; 3];
         for block in contact_blocks {
@@ -218,7 +233,6 @@ pub fn stack(
         let closing = relative_velocity(bodies, contact, motion.poses, motion.velocities)
             .dot(contact.frame[0]);
         let normal = free.dot(contact.frame[0]);
-        let restitution = bodies.restitution(contact.bodies);
         let impact = restitution > 0.0
             && contact.gap + motion.time_step * normal < 0.0
             && closing < -2.0 * motion.gravity * motion.time_step;

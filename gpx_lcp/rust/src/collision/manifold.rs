@@ -214,6 +214,7 @@ fn clip(reference: &Feature, incident: &Feature, normal: Vector, merge: f64) -> 
         .collect();
     let closed = corners.len() > 2;
     let sides = reference.points.len();
+    let mut kept = Vec::with_capacity(corners.len() + sides);
     for side in 0..sides {
         let start = reference.points[side];
         let end = reference.points[(side + 1) % sides];
@@ -221,7 +222,7 @@ fn clip(reference: &Feature, incident: &Feature, normal: Vector, merge: f64) -> 
         let outward = (end - start).cross(normal).normalize_or_zero();
         let height = |corner: &Corner| (corner.at - start).dot(outward);
         let cut = edge_id(reference.face, side);
-        let mut kept = Vec::with_capacity(corners.len() + 1);
+        kept.clear();
         let count = corners.len();
         for k in 0..count {
             let corner = corners[k];
@@ -244,7 +245,7 @@ fn clip(reference: &Feature, incident: &Feature, normal: Vector, merge: f64) -> 
                 });
             }
         }
-        corners = kept;
+        std::mem::swap(&mut corners, &mut kept);
     }
     let origin = reference.points[0];
     let mut points: Vec<Point> = Vec::with_capacity(corners.len());

@@ -9,6 +9,7 @@ pub mod manifold;
 pub mod separation;
 pub mod solid;
 
+use parry3d_f64::bounding_volume::BoundingVolume;
 use parry3d_f64::math::{Pose, Vector};
 use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy, BvhWorkspace};
 
@@ -18,6 +19,8 @@ use solid::FeatureId;
 /// Gap below which bodies count as touching even at rest, as a share of the body's size: above rounding, far below
 /// anything that would bring in neighbours.
 const REST_MARGIN: f64 = 1e-6;
+/// Up to so many bodies every pair is tried: the tree takes longer to build.
+const TREE_FROM: usize = 64;
 /// A point that moved less than this share of its body's size between two steps is the same contact, whatever its
 /// features are called now.
 const SAME_POINT: f64 = 0.05;
@@ -99,18 +102,31 @@ fn pairs<'b>(
         let moving = bounded.iter().filter(|(body, _)| *body < bodies.moving);
         pairs.extend(moving.map(|(body, _)| [plane, *body]));
     }
-    // Leaves are numbered from 0 without holes: parry's build relies on that for trees of one and two leaves.
-    let leaves = bounded.iter().map(|(_, aabb)| *aabb).enumerate();
-    let tree = Bvh::from_iter(BvhBuildStrategy::Binned, leaves);
-    tree.traverse_bvtt_single_tree::<false>(&mut BvhWorkspace::default(), &mut |one, other| {
-        let (one, other) = (bounded[one as usize].0, bounded[other as usize].0);
+    let mut found = |one: usize, other: usize| {
         let (low, high) = (one.min(other), one.max(other));
         if high < bodies.moving {
             pairs.push([low, high]);
         } else if low < bodies.moving {
             pairs.push([high, low]);
         }
-    });
+    };
+    if bounded.len() <= TREE_FROM {
+        for (place, (one, aabb)) in bounded.iter().enumerate() {
+            for (other, other_aabb) in &bounded[place + 1..] {
+                if aabb.intersects(other_aabb) {
+                    found(*one, *other);
+                }
+            }
+        }
+    } else {
+        // Leaves are numbered from 0 without holes: parry's build relies on that.
+        let leaves = bounded.iter().map(|(_, aabb)| *aabb).enumerate();
+        let tree = Bvh::from_iter(BvhBuildStrategy::Binned, leaves);
+        let workspace = &mut BvhWorkspace::default();
+        tree.traverse_bvtt_single_tree::<false>(workspace, &mut |one, other| {
+            found(bounded[one as usize].0, bounded[other as usize].0);
+        });
+    }
     // The moving body first in the order, so that contacts of one body stand together.
     pairs.sort_unstable_by_key(|&[a, b]| (b, a));
     pairs

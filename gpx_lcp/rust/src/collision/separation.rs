@@ -5,7 +5,7 @@
 //! either or at the cross product of two edges (separating axis theorem). GJK alone would not do: bodies at rest have
 //! a gap of 1e-16 m, and the direction between two points that close is noise.
 
-use parry3d_f64::math::{Pose, Vector};
+use parry3d_f64::math::{Matrix, Pose, Vector};
 use parry3d_f64::query::details::contact_support_map_support_map_with_params;
 use parry3d_f64::query::gjk::{GJKResult, VoronoiSimplex};
 use parry3d_f64::shape::SupportMap;
@@ -39,13 +39,14 @@ pub struct Separation {
 /// The best separating direction; None where the shapes are further apart than `prediction`.
 pub fn separation(a: &Convex, b: &Convex, b_in_a: &Pose, prediction: f64) -> Option<Separation> {
     let tolerance = PREFERENCE * a.bound.min(b.bound);
+    let turn = Matrix::from_quat(b_in_a.rotation);
     let mut best = Separation {
         normal: Vector::Z,
         gap: f64::NEG_INFINITY,
         origin: Origin::FaceA,
     };
     let mut consider = |normal: Vector, origin: Origin, preference: f64| {
-        let gap = gap_along(a, b, b_in_a, normal);
+        let gap = gap_along(a, b, &turn, b_in_a.translation, normal);
         if gap > best.gap + preference {
             best = Separation {
                 normal,
@@ -61,14 +62,14 @@ pub fn separation(a: &Convex, b: &Convex, b_in_a: &Pose, prediction: f64) -> Opt
         }
     }
     for normal in b.face_normals() {
-        if !consider(-(b_in_a.rotation * normal), Origin::FaceB, tolerance) {
+        if !consider(-(turn * normal), Origin::FaceB, tolerance) {
             return None;
         }
     }
     if let (Core::Polytope(pa), Core::Polytope(pb)) = (&a.core, &b.core)
         && pa.edge_directions.len() * pb.edge_directions.len() <= EDGE_PAIR_LIMIT
     {
-        for (normal, origin) in edge_candidates(pa, pb, b_in_a) {
+        for (normal, origin) in edge_candidates(pa, pb, &turn, b_in_a.translation) {
             if !consider(normal, origin, tolerance) {
                 return None;
             }
@@ -99,9 +100,10 @@ pub fn separation(a: &Convex, b: &Convex, b_in_a: &Pose, prediction: f64) -> Opt
     best.gap.is_finite().then_some(best)
 }
 
-fn gap_along(a: &Convex, b: &Convex, b_in_a: &Pose, normal: Vector) -> f64 {
-    let towards_a = b_in_a.rotation.inverse() * -normal;
-    let on_b = b_in_a.transform_point(b.core.local_support_point(towards_a));
+/// The gap along a unit direction, with b in the frame of a turned by `turn` and moved by `offset`.
+fn gap_along(a: &Convex, b: &Convex, turn: &Matrix, offset: Vector, normal: Vector) -> f64 {
+    let towards_a = -(turn.transpose() * normal);
+    let on_b = *turn * b.core.local_support_point(towards_a) + offset;
     let on_a = a.core.local_support_point(normal);
     (on_b - on_a).dot(normal) - a.border - b.border
 }
@@ -109,22 +111,19 @@ fn gap_along(a: &Convex, b: &Convex, b_in_a: &Pose, normal: Vector) -> f64 {
 fn edge_candidates<'s>(
     a: &'s Polytope,
     b: &'s Polytope,
-    b_in_a: &'s Pose,
+    turn: &'s Matrix,
+    offset: Vector,
 ) -> impl Iterator<Item = (Vector, Origin)> + 's {
     let pairs = (0..a.edge_directions.len())
         .flat_map(move |i| (0..b.edge_directions.len()).map(move |j| (i, j)));
     pairs.filter_map(move |(i, j)| {
-        let axis = a.edge_directions[i].cross(b_in_a.rotation * b.edge_directions[j]);
+        let axis = a.edge_directions[i].cross(*turn * b.edge_directions[j]);
         // Nearly parallel edges touch where a face does, and their cross product is all rounding.
         if axis.length() < 1e-6 {
             return None;
         }
         let axis = axis.normalize();
-        let outward = if axis.dot(b_in_a.translation) < 0.0 {
-            -axis
-        } else {
-            axis
-        };
+        let outward = if axis.dot(offset) < 0.0 { -axis } else { axis };
         Some((outward, Origin::Edges(i, j)))
     })
 }

@@ -2,7 +2,7 @@
 //! direction, the face or edge that looks that way, and the nearest point of the surface.
 
 use parry3d_f64::bounding_volume::Aabb;
-use parry3d_f64::math::{Pose, Vector};
+use parry3d_f64::math::{Matrix, Pose, Vector};
 use parry3d_f64::query::PointQuery;
 use parry3d_f64::shape::{
     ConvexPolyhedron, Cuboid, Cylinder as AxisYCylinder, Segment, SharedShape, SupportMap,
@@ -62,6 +62,8 @@ pub struct Polytope {
     pub edge_directions: Vec<Vector>,
     /// Every edge as its two vertices and the index of its direction.
     pub edges: Vec<([u32; 2], usize)>,
+    /// Half lengths, where it is a box along its own axes.
+    half: Option<Vector>,
     surface: SharedShape,
 }
 
@@ -102,10 +104,9 @@ impl Solid {
             Solid::Convex(convex) => {
                 let mut low = Vector::ZERO;
                 let mut high = Vector::ZERO;
+                let turn = Matrix::from_quat(pose.rotation);
                 for axis in 0..3 {
-                    let mut unit = Vector::ZERO;
-                    unit[axis] = 1.0;
-                    let local = pose.rotation.inverse() * unit;
+                    let local = turn.row(axis);
                     high[axis] = convex.support(local).dot(local);
                     low[axis] = convex.support(-local).dot(local);
                 }
@@ -142,7 +143,8 @@ impl Convex {
             vertices: vertices.to_vec(),
         });
         let surface = SharedShape::new(Cuboid::new(half));
-        Self::polytope((0..8).map(corner).collect(), faces.to_vec(), surface)
+        let points = (0..8).map(corner).collect();
+        Self::polytope(points, faces.to_vec(), Some(half), surface)
     }
 
     /// The convex hull of points; None where they span no volume.
@@ -163,11 +165,17 @@ impl Convex {
         Some(Self::polytope(
             hull.points().to_vec(),
             faces,
+            None,
             SharedShape::new(hull),
         ))
     }
 
-    fn polytope(points: Vec<Vector>, faces: Vec<Face>, surface: SharedShape) -> Self {
+    fn polytope(
+        points: Vec<Vector>,
+        faces: Vec<Face>,
+        half: Option<Vector>,
+        surface: SharedShape,
+    ) -> Self {
         let mut edge_directions: Vec<Vector> = Vec::new();
         let mut edges = Vec::new();
         for face in &faces {
@@ -193,6 +201,7 @@ impl Convex {
                 faces,
                 edge_directions,
                 edges,
+                half,
                 surface,
             }),
             border: 0.0,
@@ -339,6 +348,18 @@ fn cylinder_feature(radius: f64, half_length: f64, direction: Vector) -> Feature
 impl SupportMap for Core {
     fn local_support_point(&self, direction: Vector) -> Vector {
         match self {
+            Core::Polytope(Polytope {
+                half: Some(half), ..
+            }) => {
+                let towards = |axis: usize| {
+                    if direction[axis] > 0.0 {
+                        half[axis]
+                    } else {
+                        -half[axis]
+                    }
+                };
+                Vector::new(towards(0), towards(1), towards(2))
+            }
             Core::Polytope(polytope) => {
                 let mut best = polytope.points[0];
                 let mut height = best.dot(direction);
