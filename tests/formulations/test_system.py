@@ -154,3 +154,19 @@ def test_bad_factors_are_refused_with_the_place_of_the_fault(jacobian, inverse_m
 def test_body_velocities_need_the_factors():
     with pytest.raises(ProblemError, match="from_jacobian"):
         StackedSystem(A, B, FRICTION).body_velocity_change(np.zeros((1, 3)))
+
+
+def test_a_whitened_jacobian_that_is_given_is_the_one_that_is_used(random_system):
+    system = random_system(0)
+    blocks = np.asarray(system.whitened_jacobian.data)
+    turned = -blocks  # L is free up to an orthogonal factor
+    given = StackedSystem.from_jacobian(
+        system.jacobian, system.inverse_mass, system.B, system.friction, whitened_blocks=turned
+    )
+    assert np.array_equal(given.whitened_jacobian.data, turned)
+    np.testing.assert_allclose(given.A.toarray(), system.A.toarray(), rtol=1e-12)
+    turned[3, 0] *= 1.01
+    with pytest.raises(ProblemError, match=r"row 0 of whitened_blocks\[3\] has the square .*, but J and M⁻¹ give"):
+        StackedSystem.from_jacobian(
+            system.jacobian, system.inverse_mass, system.B, system.friction, whitened_blocks=turned
+        )

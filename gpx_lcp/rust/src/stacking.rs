@@ -191,26 +191,37 @@ pub fn stack(
         linear: 1.0 / bodies.masses[body].sqrt(),
         angular: Matrix::from_quat(pose.rotation) * bodies.inverse_inertia_roots[body],
     }));
+    let size = 2 * contacts.len() * rows * columns;
+    result.blocks.reserve(size);
+    result.whitened.reserve(size);
     let (mut pair, mut friction, mut restitution) = ([u32::MAX; 2], 0.0, 0.0);
     for contact in contacts {
+        let mut diagonal = [0.0; 3];
         for (body, sign) in [(contact.bodies[0], -1.0), (contact.bodies[1], 1.0)] {
             let body = body as usize;
             if body >= bodies.moving {
                 continue;
             }
             let arm = contact.point - motion.poses[body].translation;
-            let root = &result.roots[body];
+            let MassRoot { linear, angular } = result.roots[body];
+            let to_root = angular.transpose();
             result.columns.push(body as u32);
-            for direction in &contact.frame[..rows] {
-                let linear = *direction * sign;
-                result.blocks.extend(linear.to_array());
-                result.whitened.extend((linear * root.linear).to_array());
+            for (direction, sum) in contact.frame[..rows].iter().zip(&mut diagonal) {
+                let force = *direction * sign;
+                let whitened = force * linear;
+                let mut square = whitened.length_squared();
+                result.blocks.extend_from_slice(&force.to_array());
+                result.whitened.extend_from_slice(&whitened.to_array());
                 if columns == 6 {
-                    let moment = arm.cross(linear);
-                    result.blocks.extend(moment.to_array());
-                    let whitened = root.angular.transpose() * moment;
-                    result.whitened.extend(whitened.to_array());
+                    let moment = arm.cross(force);
+                    let whitened = to_root * moment;
+                    let entries = whitened.to_array();
+                    // One after another: d_i is then the same number, to the last bit, as in Python.
+                    square = entries.iter().fold(square, |sum, x| sum + x * x);
+                    result.blocks.extend_from_slice(&moment.to_array());
+                    result.whitened.extend_from_slice(&entries);
                 }
+                *sum += square;
             }
         }
         result.row_starts.push(result.columns.len());
@@ -219,14 +230,6 @@ pub fn stack(
             (friction, restitution) = (bodies.friction(pair), bodies.restitution(pair));
         }
         result.friction.push(friction);
-        let contact_blocks = result.row_starts[result.row_starts.len() - 2]..result.columns.len();
-        let mut diagonal = [0.0; 3];
-        for block in contact_blocks {
-            let values = &result.whitened[block * rows * columns..][..rows * columns];
-            for (sum, row) in diagonal.iter_mut().zip(values.chunks_exact(columns)) {
-                *sum += row.iter().map(|value| value * value).sum::<f64>();
-            }
-        }
         result.scale.push(diagonal.into_iter().fold(0.0, f64::max));
 
         let free = relative_velocity(bodies, contact, motion.poses, motion.free);

@@ -4,7 +4,7 @@ use parry3d_f64::math::{Pose, Vector};
 use parry3d_f64::shape::SupportMap;
 
 use super::separation::{Origin, separation};
-use super::solid::{Convex, Core, Feature, FeatureId, Polytope, Solid, edge_id};
+use super::solid::{Convex, Core, Feature, FeatureId, Few, Polytope, Solid, edge_id};
 
 /// Points of one patch closer than this share of the shapes' size are one point.
 const MERGE: f64 = 1e-6;
@@ -201,7 +201,7 @@ fn clip(reference: &Feature, incident: &Feature, normal: Vector, merge: f64) -> 
         side: FeatureId,
     }
     let face = reference.face_id();
-    let mut corners: Vec<Corner> = incident
+    let mut corners: Few<Corner> = incident
         .points
         .iter()
         .zip(&incident.ids)
@@ -214,7 +214,7 @@ fn clip(reference: &Feature, incident: &Feature, normal: Vector, merge: f64) -> 
         .collect();
     let closed = corners.len() > 2;
     let sides = reference.points.len();
-    let mut kept = Vec::with_capacity(corners.len() + sides);
+    let mut kept = Few::new();
     for side in 0..sides {
         let start = reference.points[side];
         let end = reference.points[(side + 1) % sides];
@@ -249,7 +249,7 @@ fn clip(reference: &Feature, incident: &Feature, normal: Vector, merge: f64) -> 
     }
     let origin = reference.points[0];
     let mut points: Vec<Point> = Vec::with_capacity(corners.len());
-    let mut surfaces: Vec<Vector> = Vec::with_capacity(corners.len());
+    let mut surfaces: Few<Vector> = Few::new();
     for corner in corners {
         if surfaces.iter().any(|at| at.distance(corner.at) < merge) {
             continue;

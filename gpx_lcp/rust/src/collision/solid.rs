@@ -7,6 +7,7 @@ use parry3d_f64::query::PointQuery;
 use parry3d_f64::shape::{
     ConvexPolyhedron, Cuboid, Cylinder as AxisYCylinder, Segment, SharedShape, SupportMap,
 };
+use smallvec::{SmallVec, smallvec};
 
 /// Corners of the polygon that stands for the flat cap of a cylinder; all of them lie on its rim.
 const CAP_CORNERS: usize = 8;
@@ -74,10 +75,13 @@ pub struct Face {
     pub vertices: Vec<u32>,
 }
 
+/// The corners of a face: without an allocation as long as they are no more than a cylinder's cap has.
+pub type Few<T> = SmallVec<[T; CAP_CORNERS]>;
+
 /// The polygon (three points or more) or the edge (two) of a shape that looks along a direction.
 pub struct Feature {
-    pub points: Vec<Vector>,
-    pub ids: Vec<FeatureId>,
+    pub points: Few<Vector>,
+    pub ids: Few<FeatureId>,
     pub face: u32,
 }
 
@@ -269,8 +273,8 @@ impl Convex {
                 }
             }
             Core::Segment { half_length } => Feature {
-                points: vec![Vector::Z * -half_length, Vector::Z * *half_length],
-                ids: vec![VERTEX, VERTEX | 1],
+                points: smallvec![Vector::Z * -half_length, Vector::Z * *half_length],
+                ids: smallvec![VERTEX, VERTEX | 1],
                 face: 0,
             },
             Core::Cylinder {
@@ -320,8 +324,8 @@ fn cylinder_feature(radius: f64, half_length: f64, direction: Vector) -> Feature
     if direction.z.abs() < CAP_COSINE {
         let foot = (azimuth * radius).extend(-half_length);
         return Feature {
-            points: vec![foot, foot + Vector::Z * (2.0 * half_length)],
-            ids: vec![VERTEX, VERTEX | 1],
+            points: smallvec![foot, foot + Vector::Z * (2.0 * half_length)],
+            ids: smallvec![VERTEX, VERTEX | 1],
             face: 0,
         };
     }
