@@ -257,7 +257,8 @@ class _Pivots:
             warnings.simplefilter("ignore", la.LinAlgWarning)
             factors = la.lu_factor(matrix)
         value = la.lu_solve(factors, self.lcp.q)
-        value += la.lu_solve(factors, self.lcp.q - matrix @ value)
+        if np.isfinite(value).all():
+            value += la.lu_solve(factors, self.lcp.q - matrix @ value)
         basic = (self.basis >= self.size) & (self.basis < 2 * self.size)
         z[self.basis[basic] - self.size] = np.maximum(value[basic], 0.0)
         return z
