@@ -13,14 +13,15 @@ Departures: (1) the inverse of the basis is kept instead of the tableau; each pi
 basis itself, and the inverse is worked out afresh when that finds it wrong; (2) rows tie when the step would leave
 them within rounding of zero, and the lexicographic order decides among those with a large pivot, unless it idles:
 redundant contacts tie by the dozen, and a pivot of rounding size would end in nonsense; (3) the last basis is factored
-once more and its solution refined, so that the answer carries no error of the pivots.
+once more and its solution refined, so that the answer carries no error of the pivots; (4) where the pivots get lost all
+the same, they start anew with another d.
 """
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Final
 
@@ -61,6 +62,10 @@ TINY_PIVOT: Final = 1e-4
 # Relative differences of the rows of the inverse below this are none.
 TIE_TOLERANCE: Final = 1e-9
 PIVOTS_PER_UNKNOWN: Final = 50
+# The artificial variable's column is d = 1 + frac(step · i). Where pivots from d = 1 end in rounding, or at a ray that
+# proves nothing, another path often does not.
+COVERS: Final = (0.0, 0.618033988749895, 0.414213562373095)
+FINAL: Final = (Status.SOLVED, Status.INFEASIBLE)
 
 
 @dataclass(frozen=True)
@@ -122,31 +127,42 @@ def solve_lcp(
     lcp = LCP(M, q)
     # Pivots see data of size one, so that their tolerances have no unit; w and z₀ scale with q, z with q over M.
     matrix_size, vector_size = (float(np.abs(part).max(initial=0.0)) or 1.0 for part in (lcp.M, lcp.q))
-    pivots = _Pivots(LCP(lcp.M / matrix_size, lcp.q / vector_size))
+    scaled = LCP(lcp.M / matrix_size, lcp.q / vector_size)
+    deadline = None if time_limit is None else perf_counter() + time_limit
     limit = PIVOTS_PER_UNKNOWN * lcp.q.size if max_iterations is None else max_iterations
-    status = pivots.run(limit, None if time_limit is None else perf_counter() + time_limit)
-    z = pivots.solution() * (vector_size / matrix_size)
-    if not np.isfinite(z).all():
-        z, status = np.zeros_like(z), Status.NUMERICAL_ERROR
-    residual = lcp.residual(z)
-    infeasibility = None
-    if residual <= tolerance:
-        status = Status.SOLVED
-    elif status is Status.SOLVED:
-        status = Status.STALLED
-    elif status is Status.INFEASIBLE:
-        infeasibility = _proof(lcp, pivots.ray())
-        status = Status.STALLED if infeasibility is None else Status.INFEASIBLE
-    return LCPSolution(z, lcp.M @ z + lcp.q, status, residual, pivots.count, infeasibility)
+    best: LCPSolution | None = None
+    count = 0
+    for step in COVERS:
+        pivots = _Pivots(scaled, cover=1.0 + (step * np.arange(lcp.q.size, dtype=np.float64)) % 1.0)
+        status = pivots.run(limit - count, deadline)
+        count += pivots.count
+        z = pivots.solution() * (vector_size / matrix_size)
+        if not np.isfinite(z).all():
+            z, status = np.zeros_like(z), Status.NUMERICAL_ERROR
+        residual = lcp.residual(z)
+        infeasibility = None
+        if residual <= tolerance:
+            status = Status.SOLVED
+        elif status is Status.SOLVED:
+            status = Status.STALLED
+        elif status is Status.INFEASIBLE:
+            infeasibility = _proof(lcp, pivots.ray())
+            status = Status.STALLED if infeasibility is None else Status.INFEASIBLE
+        if best is None or status in FINAL or residual < best.residual:
+            best = LCPSolution(z, lcp.M @ z + lcp.q, status, residual, count, infeasibility)
+        if status in FINAL or status is Status.MAX_ITERATIONS:
+            break
+    assert best is not None
+    return replace(best, iterations=count)
 
 
 class _Pivots:
     """The basis and its inverse. Variables 0 … n-1 are w, n … 2n-1 are z, 2n is z₀."""
 
-    def __init__(self, lcp: LCP) -> None:
+    def __init__(self, lcp: LCP, cover: Array) -> None:
         self.lcp = lcp
         self.size = lcp.q.size
-        self.cover = np.ones(self.size)
+        self.cover = cover
         self.basis = np.arange(self.size)
         self.matrix = np.eye(self.size, order="F")
         self.inverse = np.eye(self.size, order="F")
@@ -240,7 +256,10 @@ class _Pivots:
         """Invert the basis afresh. A basis is never singular, except by rounding: then the pivots go on as they are."""
         self.fresh = self.count
         try:
-            self.inverse = np.asfortranarray(la.inv(self.matrix))
+            with warnings.catch_warnings():
+                # An ill-conditioned basis shows in the residual of the answer.
+                warnings.simplefilter("ignore", la.LinAlgWarning)
+                self.inverse = np.asfortranarray(la.inv(self.matrix))
         except la.LinAlgError:
             return
         self.value = self.inverse @ self.lcp.q
