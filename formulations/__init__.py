@@ -10,6 +10,7 @@ from formulations.cone import cone_qp, cone_residual, cone_rows
 from formulations.coulomb import coulomb_residual
 from formulations.errors import GpxLcpError, ProblemError, SettingsError
 from formulations.lcp import LCP
+from formulations.least_norm import minimum_norm
 from formulations.normal import normal_impulse, normal_lcp, normal_qp, normal_residual
 from formulations.programs import FORMULATIONS, PROJECTIONS, RESIDUALS
 from formulations.pyramid import (
@@ -21,6 +22,7 @@ from formulations.pyramid import (
     pyramid_residual,
 )
 from formulations.qp import QP
+from formulations.redundancy import Uniqueness, uniqueness
 from formulations.system import StackedSystem
 from formulations.two_body import ElasticityWarning, pair_elasticity, two_body_impulse, two_body_impulse_along
 
@@ -37,6 +39,7 @@ __all__ = [
     "ProblemError",
     "SettingsError",
     "StackedSystem",
+    "Uniqueness",
     "box_impulse",
     "box_lcp",
     "box_residual",
@@ -45,6 +48,7 @@ __all__ = [
     "cone_residual",
     "cone_rows",
     "coulomb_residual",
+    "minimum_norm",
     "normal_impulse",
     "normal_lcp",
     "normal_qp",
@@ -57,4 +61,5 @@ __all__ = [
     "pyramid_residual",
     "two_body_impulse",
     "two_body_impulse_along",
+    "uniqueness",
 ]

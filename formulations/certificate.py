@@ -6,13 +6,15 @@ No field changes when masses, lengths or times change their unit.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 from formulations.checks import Array, as_array
 from formulations.cones import de_saxce, project_friction_cone
+from formulations.redundancy import Uniqueness, uniqueness
 from formulations.system import StackedSystem
 
 # Below this share of the velocity scale a contact counts as sticking, so that its direction of slip is not rounding.
@@ -47,6 +49,11 @@ class Certificate:
         penetration is being pushed out, or Newton's law with friction gains energy.
     worst_contact
         Index of the contact with the largest share of `natural_map`; -1 without contacts.
+    system, impulse
+        What was judged.
+    uniqueness, rank, nullity
+        Whether other impulses give the same velocities: contact states, and the rank of A among them. Worked out when
+        asked for.
 
     Source: V. Acary, M. Brémond, O. Huber, *On solving contact problems with Coulomb friction*, INRIA RR-9118 (2018)
     for the natural map. Departures: (1) scaled by d and ‖B‖ so that it has no unit, where the report divides by ‖q‖
@@ -61,14 +68,32 @@ class Certificate:
     sliding_angle: float
     energy_change: float | None
     worst_contact: int
+    system: StackedSystem = field(repr=False, compare=False)
+    impulse: Array = field(repr=False, compare=False)
+
+    @cached_property
+    def uniqueness(self) -> Uniqueness:
+        """Whether other impulses give the same velocities: worked out when first asked for, a dense eigenproblem."""
+        return uniqueness(self.system, self.impulse)
+
+    @property
+    def rank(self) -> int | None:
+        """The rank of A on the faces of the contacts; see `Uniqueness`."""
+        return self.uniqueness.rank
+
+    @property
+    def nullity(self) -> int | None:
+        """The number of directions in which impulses change no velocity; 0 where they are unique."""
+        return self.uniqueness.nullity
 
     def __str__(self) -> str:
-        """One line a field."""
+        """One line a measure."""
         lines = []
-        for field in fields(self):
-            value = getattr(self, field.name)
-            text = f"{value:.3g}" if isinstance(value, float) else str(value)
-            lines.append(f"{field.name:<21}{text}")
+        for measure in fields(self):
+            if measure.repr:
+                value = getattr(self, measure.name)
+                text = f"{value:.3g}" if isinstance(value, float) else str(value)
+                lines.append(f"{measure.name:<21}{text}")
         return "\n".join(lines)
 
 
@@ -88,7 +113,7 @@ def certify(system: StackedSystem, impulse: npt.ArrayLike) -> Certificate:
     """
     p = as_array("impulse", impulse, (system.contacts, system.rows))
     if system.contacts == 0:
-        return Certificate(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, None if system.free_velocity is None else 0.0, -1)
+        return Certificate(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, None if system.free_velocity is None else 0.0, -1, system, p)
     u = system.velocity(p)
     corrected = de_saxce(u, system.friction)
     d, mu = system.scale, system.friction
@@ -110,6 +135,8 @@ def certify(system: StackedSystem, impulse: npt.ArrayLike) -> Certificate:
         sliding_angle=float(np.arccos(cosine).max(initial=0.0)),
         energy_change=_energy_change(system, p),
         worst_contact=int(np.linalg.norm(share, axis=1).argmax()),
+        system=system,
+        impulse=p,
     )
 
 

@@ -6,6 +6,7 @@ from formulations import (
     ElasticityWarning,
     StackedSystem,
     certify,
+    minimum_norm,
     two_body_impulse,
     two_body_impulse_along,
 )
@@ -51,6 +52,7 @@ __all__ = [
     "Status",
     "World",
     "certify",
+    "minimum_norm",
     "read_fclib",
     "scenes",
     "solve",

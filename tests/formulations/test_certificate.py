@@ -60,7 +60,7 @@ def test_no_field_changes_with_the_units(random_system, mass, length, time):
         free_velocity=system.free_velocity * speed / columns,
     )
     one, other = certify(system, impulse), certify(scaled, impulse * mass * speed)
-    for field in vars(one):
+    for field in vars(one).keys() - {"system", "impulse"}:
         assert getattr(other, field) == pytest.approx(getattr(one, field), rel=1e-9, abs=1e-13), field
 
 
