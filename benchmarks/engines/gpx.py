@@ -1,4 +1,4 @@
-"""gpx-lcp itself, through its public names only: a `World` stepped from Python with every installed solver."""
+"""gpx-lcp itself, through its public names only: a `World` with every installed solver."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class GpxLcp:
 
     name = "gpx-lcp"
     install = "make setup"
-    note = "stepped from Python; every installed solver with every formulation it solves"
+    note = "every installed solver with every formulation it solves; its own step natively, backends from Python"
 
     def version(self) -> str:
         """Return the installed version."""
