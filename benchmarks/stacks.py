@@ -42,7 +42,7 @@ NOT_SHOWN = (
     "a resting stack cannot tell them apart; large scenes, several threads, other machines, other time steps; how a "
     "wall shares its load between neighbours, which statics leaves open (only cuts and bodies are checked); engines "
     "that are not installed here. Step time is the whole call, collision detection included; steps of gpx-lcp with a "
-    "solver that is not its own are driven from Python. Times on a shared machine are good to 20-30 %: compare within one run. The program `normal` leaves "
-    "friction out and is not ranked. The certificate judges all impulses by the exact Coulomb law, which an engine "
-    "with a box or a pyramid does not pose."
+    "solver that is not its own are driven from Python. Times on a shared machine are good to 20-30 %: compare within "
+    "one run. The program `normal` leaves friction out and is not ranked. The certificate judges all impulses by the "
+    "exact Coulomb law, which an engine with a box or a pyramid does not pose."
 )

@@ -38,8 +38,8 @@ class NativeSolver:
     def of(cls, rows: int, effort: Mapping[str, Any]) -> NativeSolver | None:
         """Return what `gpx.solve(system, **effort)` runs where contacts have `rows` rows, or None if that is Python."""
         probe = np.eye(rows), np.eye(rows)[0]
-        row, with_friction = posed(StackedSystem(*probe, [1.0]), **effort)
-        _, without_friction = posed(StackedSystem(*probe, [0.0]), **effort)
+        row, with_friction = posed(StackedSystem(*probe, [1.0]), False, **effort)
+        _, without_friction = posed(StackedSystem(*probe, [0.0]), False, **effort)
         return None if row.native is None else cls(row, with_friction, without_friction)
 
     def settings(self) -> dict[str, Any]:

@@ -10,7 +10,9 @@ redundant contacts make A singular, block-tridiagonal on a tower) or, where the 
 Ten to forty steps reach 1e-8 on stacks, whatever the mass ratio. The central path of Coulomb's law can fold; where the
 steps get nowhere, the proximal Newton method goes on from there, and `fallbacks` says so.
 
-It starts from the middle of the cones, so that there is nothing to warm-start; see "newton" for that.
+A few Gauss-Seidel sweeps come first, and more of them only while they promise to reach the tolerance for the price of a
+few factorisations: that solves loosely coupled contacts at once. What they leave is no start for the path, which begins
+in the middle of the cones; there is nothing to warm-start here, see "newton" for that.
 
 Source: V. Acary, P. Armand, H. M. Nguyen, M. Shpakovych, *Second-order cone programming for frictional contact
 mechanics using interior point algorithm*, Optim. Methods Softw. 39 (2024); see `gpx_lcp/rust/src/exact` for the

@@ -152,3 +152,22 @@ def test_the_order_of_contacts_does_not_change_the_velocities(seed):
         gpx.StackedSystem(A[np.ix_(rows, rows)], B[rows], friction[order]), "cone", "clarabel", tolerance=1e-9
     )
     np.testing.assert_allclose(other.velocity, one.velocity[order], atol=1e-6 * np.abs(B).max())
+
+
+@pytest.mark.parametrize("formulation", ["normal", "cone", "coulomb"])
+def test_unnamed_solver_depends_on_the_warm_start(bricks, formulation):
+    system = bricks(3)
+    cold = gpx.solve(system, formulation)
+    assert cold.method.endswith("/interior_point")
+    warm = gpx.solve(system, formulation, warm_start=cold.impulse)
+    assert warm.method.endswith("/newton")
+    assert warm.extras["factorisations"] == 0
+
+
+def test_loosely_coupled_contacts_need_no_factorisation():
+    """Forty contacts that know nothing of each other: the first sweep solves them."""
+    system = gpx.StackedSystem(np.eye(120), np.tile([1.0, 0.3, -0.4], 40), np.full(40, 0.2))
+    solution = gpx.solve(system, tolerance=1e-12)
+    assert solution.status is gpx.Status.SOLVED
+    assert solution.extras["factorisations"] == 0
+    np.testing.assert_allclose(solution.impulse[:, 1:], np.tile([0.12, -0.16], (40, 1)), atol=1e-12)

@@ -35,6 +35,9 @@ const LEAST_PROGRESS: f64 = 1e-4;
 /// How often the caller is asked whether to go on.
 const POLL_EVERY: Duration = Duration::from_millis(50);
 
+/// (sweeps done, residual) at every evaluation.
+pub type History = [(usize, f64)];
+
 /// What is asked, beside A.
 #[derive(Clone, Copy, Debug)]
 pub struct Problem<'a, const R: usize> {
@@ -94,12 +97,34 @@ pub fn solve<const R: usize, A: Delassus<R>, L: Law<R>>(
     settings: &Settings,
     go_on: &mut dyn FnMut() -> bool,
 ) -> Outcome<R> {
+    solve_while(delassus, law, problem, start, settings, go_on, &mut |_| {
+        true
+    })
+}
+
+/// The same, while the history of residuals, shown at every evaluation that is not the last, is found promising.
+pub fn solve_while<const R: usize, A: Delassus<R>, L: Law<R>>(
+    delassus: &mut A,
+    law: &L,
+    problem: &Problem<R>,
+    start: &[Vector<R>],
+    settings: &Settings,
+    go_on: &mut dyn FnMut() -> bool,
+    promising: &mut dyn FnMut(&History) -> bool,
+) -> Outcome<R> {
+    let watch = Watch { go_on, promising };
     #[cfg(target_arch = "x86_64")]
     if Fused::available() {
         // SAFETY: the processor has just said that it has what `solve_fused` is compiled for.
-        return unsafe { solve_fused(delassus, law, problem, start, settings, go_on) };
+        return unsafe { solve_fused(delassus, law, problem, start, settings, watch) };
     }
-    sweep_on::<R, A, L, Portable>(delassus, law, problem, start, settings, go_on)
+    sweep_on::<R, A, L, Portable>(delassus, law, problem, start, settings, watch)
+}
+
+/// Who is asked along the way whether to go on.
+struct Watch<'a> {
+    go_on: &'a mut dyn FnMut() -> bool,
+    promising: &'a mut dyn FnMut(&History) -> bool,
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -110,9 +135,9 @@ fn solve_fused<const R: usize, A: Delassus<R>, L: Law<R>>(
     problem: &Problem<R>,
     start: &[Vector<R>],
     settings: &Settings,
-    go_on: &mut dyn FnMut() -> bool,
+    watch: Watch,
 ) -> Outcome<R> {
-    sweep_on::<R, A, L, Fused>(delassus, law, problem, start, settings, go_on)
+    sweep_on::<R, A, L, Fused>(delassus, law, problem, start, settings, watch)
 }
 
 /// Inlined, with all it calls in a sweep, so that it is compiled for the processor of the function around it.
@@ -123,8 +148,9 @@ fn sweep_on<const R: usize, A: Delassus<R>, L: Law<R>, V: Lanes>(
     problem: &Problem<R>,
     start: &[Vector<R>],
     settings: &Settings,
-    go_on: &mut dyn FnMut() -> bool,
+    watch: Watch,
 ) -> Outcome<R> {
+    let Watch { go_on, promising } = watch;
     let mut sweeper = Sweeper::<R, A, L, V>::new(delassus, law, problem, start);
     let begun = Instant::now();
     let mut polled = begun;
@@ -154,6 +180,9 @@ fn sweep_on<const R: usize, A: Delassus<R>, L: Law<R>, V: Lanes>(
             }
             if sweeps == settings.max_sweeps {
                 break Stop::MaxSweeps;
+            }
+            if !promising(&history) {
+                break Stop::Interrupted;
             }
         }
         let now = Instant::now();

@@ -62,14 +62,15 @@ enum Stage {
 /// The stages of each method. Little smoothing is best as a rule: with ε/τ = 1e-3 the 24 hard problems of the
 /// measurements (towers and walls at random velocities, capsules, rocks) take 50 steps in the geometric mean, with 1 they
 /// take 67. Strong smoothing finds the solutions of what is left.
-const INTERIOR_POINT: [Stage; 4] = [
+const INTERIOR_POINT: [Stage; 5] = [
+    Stage::Sweeps(20.0),
     Stage::Path(1e-3),
     Stage::Proximal(80),
     Stage::Path(10.0),
     Stage::Proximal(200),
 ];
 const PROXIMAL_NEWTON: [Stage; 6] = [
-    Stage::Sweeps(10.0),
+    Stage::Sweeps(20.0),
     Stage::Probe,
     Stage::Path(1e-3),
     Stage::Proximal(80),

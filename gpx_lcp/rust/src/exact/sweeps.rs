@@ -6,7 +6,7 @@
 use crate::contact::Law;
 use crate::delassus::{BlockRows, Delassus, Explicit, Factored};
 use crate::friction_cone::{ConvexCone, Coulomb};
-use crate::gauss_seidel::{Problem as Sweeping, Settings, Stop, solve};
+use crate::gauss_seidel::{History, Problem as Sweeping, Settings, solve_while};
 
 use super::block_matrix::BlockMatrix;
 use super::newton_system::Operator;
@@ -15,6 +15,8 @@ use super::small::{Vector, ZERO};
 
 /// Sweeps that are always done, the rate being read off their second half.
 const TRIAL: usize = 20;
+/// Fewer sweeps than that cost less than it costs to find out what a Newton step costs.
+const CHEAP: f64 = 60.0;
 /// More sweeps than that are never worth asking what a Newton step costs.
 const HOPELESS: f64 = 2000.0;
 
@@ -114,48 +116,34 @@ fn sweep<const R: usize, A: Delassus<R>, L: Law<R>>(
         scale: &problem.weight,
         target_norm: problem.b_norm(),
     };
-    let mut most = Some(most);
-    let (mut budget, mut count, mut done) = (f64::INFINITY, TRIAL, 0);
-    let mut impulse = vec![[0.0; R]; target.len()];
-    let mut residual = f64::INFINITY;
-    loop {
-        let settings = Settings {
-            tolerance: limits.tolerance,
-            max_sweeps: count,
-            time_limit: limits.left(),
-            relaxation: 1.0,
-            acceleration: true,
-        };
-        let outcome = solve(&mut delassus, law, &asked, &impulse, &settings, &mut || {
-            true
-        });
-        done += outcome.sweeps;
-        impulse = outcome.impulse;
-        let [.., (_, before), (_, after)] = outcome.history[..] else {
-            break;
-        };
-        residual = after;
-        let (first, before) = if done > TRIAL {
-            outcome.history[0]
-        } else {
-            (TRIAL / 2, before)
-        };
-        if outcome.stop != Stop::MaxSweeps {
-            break;
-        }
-        let rate = (after / before).ln() / (count - first) as f64;
-        let needed = (limits.tolerance / after).ln() / rate;
-        if rate >= 0.0 || needed.is_nan() || needed > HOPELESS {
-            break;
-        }
-        if let Some(most) = most.take() {
-            budget = most();
-        }
-        if done as f64 + needed > budget {
-            break;
-        }
-        count *= 2;
-    }
+    let settings = Settings {
+        tolerance: limits.tolerance,
+        max_sweeps: usize::MAX,
+        time_limit: limits.left(),
+        relaxation: 1.0,
+        acceleration: true,
+    };
+    let mut outlook = Outlook {
+        tolerance: limits.tolerance,
+        most: Some(most),
+        budget: f64::INFINITY,
+        next: TRIAL,
+    };
+    let start = vec![[0.0; R]; target.len()];
+    let outcome = solve_while(
+        &mut delassus,
+        law,
+        &asked,
+        &start,
+        &settings,
+        &mut || !limits.interrupted(),
+        &mut |history| outlook.promising(history),
+    );
+    let residual = outcome
+        .history
+        .last()
+        .map_or(f64::INFINITY, |&(_, residual)| residual);
+    let impulse = outcome.impulse;
     let impulse: Vec<Vector> = impulse
         .iter()
         .map(|part| {
@@ -165,4 +153,39 @@ fn sweep<const R: usize, A: Delassus<R>, L: Law<R>>(
         })
         .collect();
     best.offer(0, &impulse, residual);
+}
+
+/// Whether to go on sweeping, from how the residual falls.
+struct Outlook<F> {
+    tolerance: f64,
+    /// Tells the number of sweeps that may be needed; not asked before it matters.
+    most: Option<F>,
+    budget: f64,
+    /// The next number of sweeps at which to look.
+    next: usize,
+}
+
+impl<F: FnOnce() -> f64> Outlook<F> {
+    fn promising(&mut self, history: &History) -> bool {
+        let Some(&(done, residual)) = history.last() else {
+            return true;
+        };
+        if done < self.next {
+            return true;
+        }
+        self.next = 2 * done;
+        // Over the second half, which knows nothing of the quick start.
+        let (first, before) = history[history.partition_point(|&(sweeps, _)| 2 * sweeps < done)];
+        let rate = (before / residual).ln() / (done - first) as f64;
+        let needed = (residual / self.tolerance).ln() / rate;
+        if rate <= 0.0 || needed.is_nan() || needed > HOPELESS {
+            return false;
+        }
+        if needed > CHEAP
+            && let Some(most) = self.most.take()
+        {
+            self.budget = most();
+        }
+        done as f64 + needed <= self.budget
+    }
 }
