@@ -226,7 +226,7 @@ def spread_over_orders(system, formulation, solver, tolerance=TOLERANCE):
     ids=["tower", "table", "arch", "card house", "toppling bricks"],
 )
 def test_the_order_of_contacts_changes_no_velocity(solver, scene):
-    """Velocities are as good as the tolerance, which bounds the residual relative to ‖B‖: ask for the digits you need."""
+    """The tolerance bounds the residual relative to ‖B‖, and velocities are no better: nine digits need nine."""
     assert spread_over_orders(system_of(scene), "coulomb", solver, tolerance=1e-9) <= 1e-9
 
 
