@@ -32,12 +32,12 @@ def project_friction_cone(x: Array, friction: Array) -> Array:
     """
     normal, tangent = x[:, 0], x[:, 1:]
     length = _lengths(tangent)
-    inside = (length <= friction * normal) & (normal >= 0.0)
+    outside = (length > friction * normal) | (normal < 0.0)
+    projected = x.copy()
     ray = np.maximum(normal + friction * length, 0.0) / (1.0 + friction * friction)
-    shrink = np.where(inside, 1.0, friction * ray / np.where(length > 0.0, length, 1.0))
-    projected = np.empty_like(x)
-    projected[:, 0] = np.where(inside, normal, ray)
-    np.multiply(tangent, shrink[:, None], out=projected[:, 1:])
+    shrink = friction * ray / (length + (length == 0.0))
+    np.copyto(projected[:, 0], ray, where=outside)
+    np.multiply(tangent, shrink[:, None], out=projected[:, 1:], where=outside[:, None])
     return projected
 
 
@@ -179,4 +179,6 @@ def _nearest_on_segments(x_t: Array, start: Array, edge: Array) -> Array:
 
 
 def _lengths(tangent: Array) -> Array:
-    return np.asarray(np.sqrt(np.einsum("nd,nd->n", tangent, tangent)))
+    if tangent.shape[1] == 2:
+        return np.asarray(np.hypot(tangent[:, 0], tangent[:, 1]))
+    return np.asarray(np.abs(tangent).sum(axis=1))

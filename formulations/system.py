@@ -26,6 +26,8 @@ Matrix: TypeAlias = Any
 
 # Real problem files carry six digits, which makes their A asymmetric by up to 2.5e-3; beyond this it is a mistake.
 ASYMMETRY_LIMIT: Final = 1e-2
+# Up to so many rows and columns a dense product takes less time than scipy needs to begin a sparse one, some 10 µs.
+SMALL: Final = 64
 
 
 class BlockRows(NamedTuple):
@@ -187,6 +189,15 @@ class StackedSystem:
         return self.whitened_jacobian.T
 
     @cached_property
+    def _operators(self) -> tuple[Matrix, ...]:
+        """The matrices whose product is A, the first to be applied first; small ones dense, being quicker so."""
+        factor = self.whitened_jacobian
+        matrices = (self.A,) if factor is None else (self._whitened_transpose, factor)
+        if self.B.size > SMALL or matrices[0].shape[0] > SMALL:
+            return matrices
+        return tuple(matrix.toarray() if sp.issparse(matrix) else matrix for matrix in matrices)
+
+    @cached_property
     def block_rows(self) -> BlockRows:
         """Ĵ by blocks of (rows, D) where the system carries J and M⁻¹, else A by blocks of (rows, rows)."""
         factor = self.whitened_jacobian
@@ -226,9 +237,9 @@ class StackedSystem:
 
     def apply(self, impulse: Array) -> Array:
         """Return A p as (n, rows), m/s, for impulses of shape (n, rows), N s, without forming A."""
-        flat = impulse.reshape(-1)
-        factor = self.whitened_jacobian
-        product = self.A @ flat if factor is None else factor @ (self._whitened_transpose @ flat)
+        product = impulse.reshape(-1)
+        for matrix in self._operators:
+            product = matrix @ product
         return np.asarray(product).reshape(self.contacts, self.rows)
 
     def velocity(self, impulse: Array) -> Array:

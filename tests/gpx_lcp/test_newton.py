@@ -79,3 +79,13 @@ def test_a_block_held_between_two_walls_gets_one_of_its_solutions():
     assert solution.status is gpx.Status.SOLVED
     fall, stay = np.allclose(solution.impulse, 0.0), np.allclose(solution.velocity, 0.0, atol=1e-9)
     assert fall != stay
+
+
+def test_real_problems_are_solved_to_the_last_digits(problems):
+    """Newton's last steps are as good as an active-set polish: no figure is left but rounding."""
+    for path in sorted(problems.glob("friction*/*.hdf5")):
+        system = gpx.read_fclib(path)
+        if system.contacts < 300:
+            solution = gpx.solve(system, "coulomb", "newton", tolerance=1e-12)
+            assert solution.status is gpx.Status.SOLVED, path.stem
+            assert solution.certificate.natural_map <= 1e-12, path.stem
