@@ -1,8 +1,6 @@
 """Motion, against answers known on paper: where the law is algebraic to rounding, where it is a step to first order."""
 
-import _thread
 import itertools
-import threading
 
 import numpy as np
 import pytest
@@ -414,105 +412,6 @@ def test_an_interrupt_inside_a_step_taken_stage_by_stage_keeps_the_last_whole_st
     assert world.time == 3 * DT
     assert np.array_equal(world.positions, other.positions)
     assert np.array_equal(world.contacts.impulse, other.contacts.impulse)
-
-
-@pytest.mark.parametrize("solver", ["newton", "pgs"])
-def test_an_interrupt_of_native_steps_keeps_the_last_whole_step(solver):
-    world, other = (gpx.World(gpx.scenes.tower(2), DT, solver=solver) for _ in range(2))
-    threading.Timer(0.05, _thread.interrupt_main).start()
-    with pytest.raises(KeyboardInterrupt):
-        world.step(10**9)
-    other.step(round(world.time / DT))
-    assert np.array_equal(world.positions, other.positions)
-    assert np.array_equal(world.contacts.impulse, other.contacts.impulse)
-
-
-def test_an_interrupt_inside_a_native_step_does_not_take_it():
-    world = gpx.World(gpx.scenes.tower(30), DT, solver="pgs", iterations=10**9, tolerance=1e-15, warm_start=False)
-    threading.Timer(0.05, _thread.interrupt_main).start()
-    with pytest.raises(KeyboardInterrupt):
-        world.step(1)
-    assert world.time == 0.0 and world.solution is None
-
-
-NATIVE = [
-    dict(solver="newton"),
-    dict(solver="newton", warm_start=False),
-    dict(solver="newton", formulation="cone", tolerance=1e-11),
-    dict(solver="newton", formulation="normal"),
-    dict(solver="interior_point"),
-    dict(solver="interior_point", formulation="cone"),
-    dict(solver="pgs", iterations=20),
-    dict(solver="pgs", iterations=20, warm_start=False, relaxation=0.8),
-    dict(solver="pgs", iterations=20, acceleration=True),
-    dict(solver="pgs", formulation="normal", iterations=20),
-    dict(solver="pgs", formulation="cone", iterations=20),
-    dict(solver="pgs", formulation="box", iterations=20),
-    dict(solver="pgs", formulation="pyramid", facets=6, iterations=20),
-]
-
-
-def falling_things(friction=0.5):
-    """Return a scene that slides, rolls, overlaps and bounces, with a body that does not rotate."""
-    material = gpx.Material(friction, elasticity=1.5)
-    scene = gpx.Scene()
-    scene.add_static(gpx.HalfSpace(), material=material)
-    scene.add_rigid(gpx.Box(1, 1, 1), 1.0, position=(0, 0, 0.49), velocity=(1, 0.3, 0), material=material)
-    scene.add_rigid(gpx.Box(1, 0.6, 0.5), 2.0, position=(0.1, 0, 1.24), velocity=(1, 0, 0), material=material)
-    scene.add_rigid(gpx.Sphere(0.3), 0.5, position=(0.1, 0.1, 1.9), angular_velocity=(3, 1, 0), material=material)
-    scene.add_point_mass(0.7, position=(-1.2, 0, 0.5), velocity=(2, 0, -1), shape=gpx.Sphere(0.5), material=material)
-    return scene
-
-
-@pytest.mark.parametrize("settings", NATIVE, ids=lambda s: "-".join(map(str, s.values())))
-@pytest.mark.parametrize("friction", [0.5, 0.0])
-def test_native_steps_are_the_stages_one_by_one(settings, friction):
-    """The same motion to the last bit, and the same solution.
-
-    Polygons to rounding: start impulses on their edges are brought inside by one formula here and by another there.
-    """
-    native = gpx.World(falling_things(friction), DT, **settings)
-    staged = gpx.World(falling_things(friction), DT, **settings)
-    staged._native = None
-    polygons = settings.get("formulation") in ("box", "pyramid")
-    tolerance = dict(rtol=1e-12, atol=1e-12) if polygons else dict(rtol=0, atol=0)
-    for steps in (1, 7, 30):
-        native.step(steps)
-        staged.step(steps)
-        for name in ("positions", "orientations", "velocities"):
-            assert np.allclose(getattr(native, name), getattr(staged, name), **tolerance), name
-        for name in ("body_a", "body_b", "point", "frame", "gap", "friction", "impulse"):
-            assert np.allclose(getattr(native.contacts, name), getattr(staged.contacts, name), **tolerance), name
-        one, other = native.solution, staged.solution
-        assert np.allclose(one.impulse, other.impulse, **tolerance)
-        assert one.program_residual == pytest.approx(other.program_residual, rel=1e-6, abs=1e-14)
-        for name in ("status", "method", "fallbacks", "iterations"):
-            assert getattr(one, name) == getattr(other, name), name
-        assert [count for count, _ in one.history] == [count for count, _ in other.history]
-        assert [r for _, r in one.history] == pytest.approx([r for _, r in other.history], rel=1e-6, abs=1e-14)
-        assert one.extras.keys() == other.extras.keys()
-        assert native.unsolved_steps == staged.unsolved_steps
-
-
-@pytest.mark.parametrize("settings", NATIVE, ids=lambda s: "-".join(map(str, s.values())))
-def test_the_core_judges_a_step_as_python_does(settings):
-    world = gpx.World(falling_things(), DT, **settings)
-    for _ in range(20):
-        world.step()
-        judged = world.solution.program_residual
-        assert world._now.step.residual == pytest.approx(judged, rel=1e-6, abs=1e-14)
-        assert (world._now.step.status == "solved") == (world.solution.status is gpx.Status.SOLVED)
-
-
-def test_steps_that_were_not_solved_are_counted():
-    world = gpx.World(gpx.scenes.tower(5), DT, solver="pgs", iterations=3)
-    world.step(4)
-    world.step()
-    assert world.unsolved_steps == 5
-    assert world.solution.status is gpx.Status.MAX_ITERATIONS
-    world = gpx.World(gpx.scenes.tower(5), DT)
-    world.step(5)
-    assert world.unsolved_steps == 0
 
 
 def test_arrays_of_a_world_are_read_only_copies():
