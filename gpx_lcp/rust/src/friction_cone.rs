@@ -386,6 +386,8 @@ pub fn project<const R: usize>(friction: f64, x: &Vector<R>) -> Vector<R> {
     result
 }
 
+/// d p - P_K(d p - û) as û + (x - P_K(x)), whose second term is zero inside the cone: û is not lost beside impulses that
+/// run off.
 #[inline]
 fn natural_map<const R: usize>(
     friction: f64,
@@ -393,9 +395,9 @@ fn natural_map<const R: usize>(
     impulse: &Vector<R>,
     velocity: &Vector<R>,
 ) -> Vector<R> {
-    let scaled: Vector<R> = std::array::from_fn(|r| scale * impulse[r]);
-    let projected: Vector<R> = project(friction, &std::array::from_fn(|r| scaled[r] - velocity[r]));
-    std::array::from_fn(|r| scaled[r] - projected[r])
+    let x: Vector<R> = std::array::from_fn(|r| scale * impulse[r] - velocity[r]);
+    let inside = project(friction, &x);
+    std::array::from_fn(|r| velocity[r] + (x[r] - inside[r]))
 }
 
 #[cfg(test)]

@@ -228,9 +228,11 @@ impl<const R: usize> Law<R> for Polygon<R> {
     ) -> Vector<R> {
         let scaled: Vector<R> = std::array::from_fn(|r| scale * impulse[r]);
         let radius = friction * scaled[0].max(0.0);
-        let mut projected = self.nearest(radius, &std::array::from_fn(|r| scaled[r] - velocity[r]));
-        projected[0] = (scaled[0] - velocity[0]).max(0.0);
-        std::array::from_fn(|r| scaled[r] - projected[r])
+        let x: Vector<R> = std::array::from_fn(|r| scaled[r] - velocity[r]);
+        let mut inside = self.nearest(radius, &x);
+        inside[0] = x[0].max(0.0);
+        // As for the cone: the velocity is not lost beside impulses that run off.
+        std::array::from_fn(|r| velocity[r] + (x[r] - inside[r]))
     }
 }
 

@@ -2,9 +2,9 @@
 //! `formulations.RESIDUALS`, evaluated on Ĵ, B and p alone, whoever found the impulses.
 
 use crate::contact::Law;
-use crate::friction_cone::project;
+use crate::friction_cone::{ConvexCone, Coulomb, project};
 use crate::polygon::Polygon;
-use crate::small_matrix::{Vector, dot, tangent_length};
+use crate::small_matrix::{Vector, dot};
 use crate::stacking::Stack;
 
 /// Which impulses are allowed, and when. With one row per contact all of them are the same.
@@ -34,16 +34,10 @@ impl Program {
                 Program::Normal => {
                     squared::<3>(stack, impulse, &velocity, |_, d, p, u| normal_map(d, p, u))
                 }
-                Program::Cone => squared(stack, impulse, &velocity, cone_map),
-                Program::Coulomb => squared(stack, impulse, &velocity, |friction, d, p, u| {
-                    let corrected = [u[0] + friction * tangent_length(u), u[1], u[2]];
-                    cone_map(friction, d, p, &corrected)
-                }),
+                Program::Cone => lawful(stack, impulse, &velocity, &ConvexCone),
+                Program::Coulomb => lawful(stack, impulse, &velocity, &Coulomb),
                 Program::Polygon(corners) => {
-                    let law = Self::polygon(corners);
-                    squared(stack, impulse, &velocity, |friction, d, p, u| {
-                        law.natural_map(friction, d, p, u)
-                    })
+                    lawful(stack, impulse, &velocity, &Self::polygon(corners))
                 }
             }
         };
@@ -141,15 +135,14 @@ fn squared<const R: usize>(
         .sum()
 }
 
-/// d p - P_K(d p - û) as û + (x - P_K(x)), whose second term is zero inside the cone: û is not lost beside impulses that
-/// run off.
-fn cone_map(friction: f64, d: f64, p: &Vector<3>, u: &Vector<3>) -> Vector<3> {
-    let x: Vector<3> = std::array::from_fn(|r| d * p[r] - u[r]);
-    let inside = project(friction, &x);
-    std::array::from_fn(|r| u[r] + (x[r] - inside[r]))
+/// Σ ‖map‖² of the law's own natural map.
+fn lawful(stack: &Stack, impulse: &[f64], velocity: &[f64], law: &impl Law<3>) -> f64 {
+    squared(stack, impulse, velocity, |friction, d, p, u| {
+        law.natural_map(friction, d, p, u)
+    })
 }
 
-/// The same for the half-line of the normal; tangential impulses should not be.
+/// The natural map of the normal's half-line; tangential impulses should not be.
 fn normal_map<const R: usize>(d: f64, p: &Vector<R>, u: &Vector<R>) -> Vector<R> {
     let mut map = p.map(|value| d * value);
     map[0] = u[0] + (map[0] - u[0]).min(0.0);
