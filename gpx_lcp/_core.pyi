@@ -14,12 +14,14 @@ __all__ = [
     "Stack",
     "State",
     "Step",
+    "System",
     "exact",
     "gauss_seidel",
     "take_steps",
 ]
 
 _Floats = npt.NDArray[np.float64]
+_Indices = npt.NDArray[np.int32] | npt.NDArray[np.int64]
 
 BUILD_PROFILE: str
 
@@ -46,7 +48,26 @@ class ExactReport:
     @property
     def solve_seconds(self) -> float: ...
 
-def exact(problem: dict[str, Any], settings: dict[str, Any]) -> ExactReport: ...
+@final
+class System:
+    @staticmethod
+    def from_dense(delassus: _Floats, target: _Floats, friction: _Floats) -> System: ...
+    @staticmethod
+    def from_compressed_rows(
+        starts: _Indices, columns: _Indices, values: _Floats, target: _Floats, friction: _Floats
+    ) -> System: ...
+    @staticmethod
+    def from_factor(
+        starts: _Indices,
+        columns: _Indices,
+        blocks: _Floats,
+        block_columns: int,
+        target: _Floats,
+        friction: _Floats,
+    ) -> System: ...
+    def residual(self, law: str, impulse: _Floats) -> float: ...
+
+def exact(system: System, settings: dict[str, Any], start: _Floats | None) -> ExactReport: ...
 def gauss_seidel(
     matrix: dict[str, Any], question: dict[str, Any], effort: dict[str, Any]
 ) -> tuple[npt.NDArray[np.float64], str, int, npt.NDArray[np.int64], npt.NDArray[np.float64], float]: ...

@@ -10,8 +10,9 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from formulations import DEFAULT_FACETS, FORMULATIONS, PROJECTIONS, RESIDUALS, StackedSystem
+from formulations import DEFAULT_FACETS, FORMULATIONS, PROJECTIONS, StackedSystem
 from formulations.checks import Array, as_array
+from gpx_lcp.core_system import program_residual
 from gpx_lcp.errors import BackendMissing, ProblemError, SettingsError
 from gpx_lcp.solution import Solution, Status
 from gpx_lcp.solvers import Outcome, Request, Solver, solvers
@@ -157,7 +158,7 @@ def _default_formulation(system: StackedSystem, solver: str | None) -> str:
 def judged(request: Request, row: Solver, outcome: Outcome, extras: Mapping[str, Any]) -> Solution:
     """Turn what a solver says into what is true: SOLVED is what the program's residual says."""
     system = request.system
-    residual = RESIDUALS[outcome.program](system, outcome.impulse, request.facets)
+    residual = program_residual(system, outcome.program, outcome.impulse, request.facets)
     status = outcome.status
     if residual <= request.tolerance:
         status = Status.SOLVED

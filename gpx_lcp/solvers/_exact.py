@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from gpx_lcp import _core
+from gpx_lcp.core_system import core_system
 from gpx_lcp.solution import Status
 from gpx_lcp.solvers._interface import Outcome, Request
 
@@ -29,20 +30,8 @@ def run_exact(request: Request, method: str) -> Outcome:
     """
     began = perf_counter()
     system = request.system
-    matrix = system.block_rows
-    problem = {
-        "indptr": matrix.indptr,
-        "indices": matrix.indices,
-        "data": matrix.data,
-        "block_columns": matrix.width,
-        "columns": matrix.columns,
-        "factored": matrix.factored,
-        "rows": system.rows,
-        "target": system.B,
-        "friction": system.friction,
-        "start": None if request.warm_start is None else request.warm_start.reshape(-1),
-    }
-    report = _core.exact(problem, exact_settings(request, method))
+    start = None if request.warm_start is None else request.warm_start.reshape(-1)
+    report = _core.exact(core_system(system), exact_settings(request, method), start)
     elapsed = perf_counter() - began
     extras: dict[str, Any] = {"factorisations": report.factorisations, "fill": report.fill}
     if report.infeasibility is not None:

@@ -169,7 +169,7 @@ def test_residual_agrees_with_the_formulations(random_system, formulation, rows,
             judged = RESIDUALS[formulation](form, solution.impulse, 8)
             if solution.status is gpx.Status.MAX_ITERATIONS:
                 assert solution.history[-1][1] == pytest.approx(judged, rel=1e-9, abs=1e-14)
-            assert solution.program_residual == judged
+            assert solution.program_residual == pytest.approx(judged, rel=1e-9, abs=1e-14)
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
@@ -263,7 +263,9 @@ def test_acceleration_finds_a_solution_of_the_same_program(formulation):
     system = tower(5)
     solution = pgs(system, formulation, acceleration=True)
     assert solution.status is gpx.Status.SOLVED
-    assert solution.program_residual == RESIDUALS[formulation](system, solution.impulse, 8)
+    assert solution.program_residual == pytest.approx(
+        RESIDUALS[formulation](system, solution.impulse, 8), rel=1e-9, abs=1e-14
+    )
     plain = pgs(system, formulation)
     assert 2 * solution.iterations < plain.iterations
     np.testing.assert_allclose(solution.velocity, plain.velocity, atol=1e-7)

@@ -1,6 +1,8 @@
 //! What the impulses of a stacked system are held to, and how far they are from it: the residuals of
 //! `formulations.RESIDUALS`, evaluated on Ĵ, B and p alone, whoever found the impulses.
 
+use std::array::from_fn;
+
 use crate::contact::Law;
 use crate::friction_cone::{ConvexCone, Coulomb, project};
 use crate::polygon::Polygon;
@@ -20,31 +22,50 @@ pub enum Program {
 
 impl Program {
     /// The law of the polygon's corners.
-    pub fn polygon(corners: &[[f64; 2]]) -> Polygon<3> {
-        Polygon::new(corners.iter().map(|&[x, y]| [0.0, x, y]).collect())
+    pub fn polygon<const R: usize>(corners: &[[f64; 2]]) -> Polygon<R> {
+        let vector = |corner: &[f64; 2]| from_fn(|r| if r == 0 { 0.0 } else { corner[r - 1] });
+        Polygon::new(corners.iter().map(vector).collect())
     }
 
     /// ‖natural map‖/‖B‖ of impulses with as many rows per contact as the system has.
     pub fn residual(&self, stack: &Stack, impulse: &[f64]) -> f64 {
         let velocity = stack.velocity(impulse);
-        let square = if stack.layout.rows == 1 {
-            squared::<1>(stack, impulse, &velocity, |_, d, p, u| normal_map(d, p, u))
-        } else {
-            match self {
-                Program::Normal => {
-                    squared::<3>(stack, impulse, &velocity, |_, d, p, u| normal_map(d, p, u))
-                }
-                Program::Cone => lawful(stack, impulse, &velocity, &ConvexCone),
-                Program::Coulomb => lawful(stack, impulse, &velocity, &Coulomb),
-                Program::Polygon(corners) => {
-                    lawful(stack, impulse, &velocity, &Self::polygon(corners))
-                }
-            }
+        self.relative_map(&stack.friction, &stack.scale, &stack.b, impulse, &velocity)
+    }
+
+    /// The same from μ and d of each contact, and B, p and u = A p − B, with 1 to 3 rows per contact.
+    pub fn relative_map(
+        &self,
+        friction: &[f64],
+        scale: &[f64],
+        b: &[f64],
+        impulse: &[f64],
+        velocity: &[f64],
+    ) -> f64 {
+        let contacts = Contacts {
+            friction,
+            scale,
+            impulse,
+            velocity,
+        };
+        let square = match b.len() / friction.len().max(1) {
+            3 => self.squared_map::<3>(&contacts),
+            2 => self.squared_map::<2>(&contacts),
+            _ => contacts.sum::<1>(|_, d, p, u| normal_map(d, p, u)),
         };
         if square == 0.0 {
             return 0.0;
         }
-        square.sqrt() / stack.b.iter().map(|b| b * b).sum::<f64>().sqrt()
+        square.sqrt() / b.iter().map(|b| b * b).sum::<f64>().sqrt()
+    }
+
+    fn squared_map<const R: usize>(&self, contacts: &Contacts) -> f64 {
+        match self {
+            Program::Normal => contacts.sum::<R>(|_, d, p, u| normal_map(d, p, u)),
+            Program::Cone => contacts.lawful::<R>(&ConvexCone),
+            Program::Coulomb => contacts.lawful::<R>(&Coulomb),
+            Program::Polygon(corners) => contacts.lawful::<R>(&Self::polygon(corners)),
+        }
     }
 
     /// Bring start impulses into the cones of the program, to the nearest point of each. Returns how far they moved,
@@ -117,29 +138,38 @@ fn largest(values: impl Iterator<Item = f64>) -> f64 {
     values.fold(0.0, |most, value| most.max(value.abs()))
 }
 
-/// Σ ‖map‖² over the contacts.
-fn squared<const R: usize>(
-    stack: &Stack,
-    impulse: &[f64],
-    velocity: &[f64],
-    map: impl Fn(f64, f64, &Vector<R>, &Vector<R>) -> Vector<R>,
-) -> f64 {
-    let (impulses, velocities) = (impulse.as_chunks::<R>().0, velocity.as_chunks::<R>().0);
-    let measures = stack.friction.iter().zip(&stack.scale);
-    let contacts = impulses.iter().zip(velocities).zip(measures);
-    contacts
-        .map(|((p, u), (&friction, &d))| {
-            let map = map(friction, d, p, u);
-            dot(&map, &map)
-        })
-        .sum()
+/// What the natural maps of all contacts are worked out from.
+struct Contacts<'a> {
+    friction: &'a [f64],
+    scale: &'a [f64],
+    impulse: &'a [f64],
+    velocity: &'a [f64],
 }
 
-/// Σ ‖map‖² of the law's own natural map.
-fn lawful(stack: &Stack, impulse: &[f64], velocity: &[f64], law: &impl Law<3>) -> f64 {
-    squared(stack, impulse, velocity, |friction, d, p, u| {
-        law.natural_map(friction, d, p, u)
-    })
+impl Contacts<'_> {
+    /// Σ ‖map‖² over the contacts.
+    fn sum<const R: usize>(
+        &self,
+        map: impl Fn(f64, f64, &Vector<R>, &Vector<R>) -> Vector<R>,
+    ) -> f64 {
+        let (impulses, velocities) = (
+            self.impulse.as_chunks::<R>().0,
+            self.velocity.as_chunks::<R>().0,
+        );
+        let measures = self.friction.iter().zip(self.scale);
+        let contacts = impulses.iter().zip(velocities).zip(measures);
+        contacts
+            .map(|((p, u), (&friction, &d))| {
+                let map = map(friction, d, p, u);
+                dot(&map, &map)
+            })
+            .sum()
+    }
+
+    /// Σ ‖map‖² of the law's own natural map.
+    fn lawful<const R: usize>(&self, law: &impl Law<R>) -> f64 {
+        self.sum(|friction, d, p, u| law.natural_map(friction, d, p, u))
+    }
 }
 
 /// The natural map of the normal's half-line; tangential impulses should not be.

@@ -138,8 +138,8 @@ fn solve_exactly(
         width: stack.layout.columns,
         block_columns: stack.roots.len(),
     };
-    let form = exact::Form::Velocity;
-    let problem = exact::Problem::new(matrix, &form, &stack.b, &stack.friction, law)
+    let operator = exact::Operator::Velocity(matrix);
+    let problem = exact::Problem::new(operator, &stack.b, &stack.friction, law)
         .expect("a stack has as many entries of B and coefficients as contacts");
     let prepared = Instant::now();
     let report = exact::solve(&problem, method, limits, start);

@@ -92,6 +92,58 @@ impl BlockMatrix {
         })
     }
 
+    /// From a dense matrix of blocks of `size` rows and columns, row-major; blocks of zeros are left out.
+    pub fn from_dense(values: &[f64], blocks: usize, size: usize) -> Self {
+        let (length, mut result) = (blocks * size, Self::empty(size, size, blocks));
+        for lines in values.chunks_exact((length * size).max(1)) {
+            for j in 0..blocks {
+                let block = || {
+                    lines
+                        .chunks_exact(length)
+                        .map(|line| &line[j * size..][..size])
+                };
+                if block().flatten().any(|&value| value != 0.0) {
+                    result.columns.push(j as u32);
+                    block().for_each(|part| result.values.extend_from_slice(part));
+                }
+            }
+            result.starts.push(result.columns.len());
+        }
+        result
+    }
+
+    /// A matrix of scalars by blocks of `size` rows and columns, which both numbers of scalars must be multiples of.
+    pub fn in_blocks(&self, size: usize) -> Self {
+        let mut result = Self::empty(size, size, self.block_columns / size);
+        let mut place = vec![usize::MAX; result.block_columns];
+        for scalars in (0..self.block_rows()).step_by(size) {
+            let begin = result.columns.len();
+            let range = self.starts[scalars]..self.starts[scalars + size];
+            let columns = self.columns[range].iter();
+            result.columns.extend(columns.map(|&j| j / size as u32));
+            result.columns[begin..].sort_unstable();
+            let mut kept = begin;
+            for at in begin..result.columns.len() {
+                let column = result.columns[at];
+                if kept == begin || result.columns[kept - 1] != column {
+                    result.columns[kept] = column;
+                    place[column as usize] = kept;
+                    kept += 1;
+                }
+            }
+            result.columns.truncate(kept);
+            result.values.resize(kept * size * size, 0.0);
+            for line in 0..size {
+                for (j, value) in self.row(scalars + line) {
+                    let at = (place[j / size] * size + line) * size + j % size;
+                    result.values[at] += value[0];
+                }
+            }
+            result.starts.push(kept);
+        }
+        result
+    }
+
     fn empty(height: usize, width: usize, block_columns: usize) -> Self {
         Self {
             starts: vec![0],
@@ -223,6 +275,34 @@ mod tests {
             .with_symmetric_pattern();
         assert_eq!(matrix.columns, [0, 1, 0, 1]);
         assert_eq!(matrix.values, [0.0, 2.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn blocks_of_scalars_and_of_a_dense_matrix_are_the_same() {
+        let mut dense = [0.0; 36];
+        for (at, value) in [
+            (0, 1.0),
+            (7, 2.0),
+            (5, 3.0),
+            (23, 4.0),
+            (28, 5.0),
+            (32, 6.0),
+        ] {
+            dense[at] = value;
+        }
+        let filled = |row: usize| (0..6).filter(move |column| dense[6 * row + column] != 0.0);
+        let (mut starts, mut columns, mut values) = (vec![0], vec![], vec![]);
+        for row in 0..6 {
+            columns.extend(filled(row).map(|column| column as u32));
+            values.extend(filled(row).map(|column| dense[6 * row + column]));
+            starts.push(columns.len());
+        }
+        let scalars = BlockMatrix::new(starts, columns, values, (1, 1), 6).unwrap();
+        let (one, other) = (scalars.in_blocks(3), BlockMatrix::from_dense(&dense, 2, 3));
+        assert_eq!(one.starts, other.starts);
+        assert_eq!(one.columns, other.columns);
+        assert_eq!(one.values, other.values);
+        assert_eq!(one.columns, [0, 1, 0, 1]);
     }
 
     #[test]

@@ -16,5 +16,6 @@ mod strategy;
 mod sweeps;
 
 pub use block_matrix::{BlockMatrix, ShapeError};
-pub use problem::{Form, Law, Limits, Problem};
+pub use newton_system::Operator;
+pub use problem::{Law, Limits, Problem};
 pub use strategy::{Method, Report, Status, solve};

@@ -6,7 +6,7 @@
 
 use std::time::{Duration, Instant};
 
-use super::block_matrix::{BlockMatrix, ShapeError};
+use super::block_matrix::ShapeError;
 use super::cones::project;
 use super::newton_system::Operator;
 use super::small::{IDENTITY, Vector, ZERO, dot, norm, tangent_norm};
@@ -20,12 +20,6 @@ pub enum Law {
     Cone,
     /// K ∋ p ⟂ u + μ‖u_t‖ n ∈ K*, Coulomb's law.
     Coulomb,
-}
-
-/// The matrix of a problem as it arrives: A, or Ĵ with A = Ĵ Ĵᵀ.
-pub enum Form {
-    Impulse,
-    Velocity,
 }
 
 #[derive(Clone)]
@@ -97,15 +91,14 @@ impl<'a> Limits<'a> {
 }
 
 impl Problem {
-    /// Takes the matrix, B (rows per contact) and μ, checks their sizes, and removes the units.
+    /// Takes the operator, B (rows per contact) and μ, checks their sizes, and removes the units.
     pub fn new(
-        matrix: BlockMatrix,
-        form: &Form,
+        mut operator: Operator,
         b: &[f64],
         friction: &[f64],
         law: Law,
     ) -> Result<Self, ShapeError> {
-        let (contacts, rows) = (matrix.block_rows(), matrix.height);
+        let (contacts, rows) = (operator.contacts(), operator.rows());
         if b.len() != contacts * rows {
             return Err(ShapeError::Length {
                 name: "B",
@@ -120,10 +113,6 @@ impl Problem {
                 needed: contacts,
             });
         }
-        let mut operator = match form {
-            Form::Impulse => Operator::Impulse(matrix.with_symmetric_pattern()),
-            Form::Velocity => Operator::Velocity(matrix),
-        };
         let largest = |diagonal: &[Vector]| -> Vec<f64> {
             diagonal
                 .iter()

@@ -233,13 +233,13 @@ impl Stage {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{BlockMatrix, Form, Law};
+    use super::super::{BlockMatrix, Law, Operator};
     use super::*;
 
     fn point_on_plane(b: [f64; 3], law: Law) -> Problem {
         let values = vec![1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
         let matrix = BlockMatrix::new(vec![0, 1], vec![0], values, (3, 3), 1).unwrap();
-        Problem::new(matrix, &Form::Velocity, &b, &[0.5], law).unwrap()
+        Problem::new(Operator::Velocity(matrix), &b, &[0.5], law).unwrap()
     }
 
     /// n equal masses on one axis, as Ĵ; B is the closing velocity of the lowest.
@@ -258,7 +258,7 @@ mod tests {
         let matrix = BlockMatrix::new(starts, columns, values, (1, 1), n).unwrap();
         let mut b = vec![0.0; n];
         b[0] = 1.0;
-        Problem::new(matrix, &Form::Velocity, &b, &vec![0.0; n], Law::Normal).unwrap()
+        Problem::new(Operator::Velocity(matrix), &b, &vec![0.0; n], Law::Normal).unwrap()
     }
 
     fn limits(tolerance: f64, iterations: usize) -> Limits<'static> {

@@ -6,42 +6,10 @@ use std::time::Instant;
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 
-use crate::exact::{
-    BlockMatrix, Form, Law, Limits, Method, Problem, Report, ShapeError, Status, solve,
-};
+use super::system::{System, same_length};
+use crate::exact::{Law, Limits, Method, Problem, Report, ShapeError, Status, solve};
 
 pyo3::import_exception!(gpx_lcp.errors, ProblemError);
-
-impl From<ShapeError> for PyErr {
-    fn from(error: ShapeError) -> Self {
-        ProblemError::new_err(error.to_string())
-    }
-}
-
-/// Ĵ (factored) or A, in SciPy's BSR arrays, with B and μ.
-#[derive(FromPyObject)]
-pub struct Asked<'py> {
-    #[pyo3(item)]
-    indptr: PyReadonlyArray1<'py, i64>,
-    #[pyo3(item)]
-    indices: PyReadonlyArray1<'py, i64>,
-    #[pyo3(item)]
-    data: PyReadonlyArray1<'py, f64>,
-    #[pyo3(item)]
-    rows: usize,
-    #[pyo3(item)]
-    block_columns: usize,
-    #[pyo3(item)]
-    columns: usize,
-    #[pyo3(item)]
-    factored: bool,
-    #[pyo3(item)]
-    target: PyReadonlyArray1<'py, f64>,
-    #[pyo3(item)]
-    friction: PyReadonlyArray1<'py, f64>,
-    #[pyo3(item)]
-    start: Option<PyReadonlyArray1<'py, f64>>,
-}
 
 #[derive(FromPyObject)]
 pub struct Wanted {
@@ -95,24 +63,19 @@ pub struct ExactReport {
     solve_seconds: f64,
 }
 
-/// Solve a contact problem under one of the laws "normal", "cone" and "coulomb".
+/// Solve a stacked system under one of the laws "normal", "cone" and "coulomb".
 #[pyfunction]
-pub fn exact(py: Python<'_>, problem: Asked<'_>, settings: Wanted) -> PyResult<ExactReport> {
+pub fn exact(
+    py: Python<'_>,
+    system: &Bound<'_, System>,
+    settings: Wanted,
+    start: Option<PyReadonlyArray1<'_, f64>>,
+) -> PyResult<ExactReport> {
     let (law, method) = (settings.law()?, settings.method()?);
-    let matrix = block_matrix(&problem)?;
-    let form = if problem.factored {
-        Form::Velocity
-    } else {
-        Form::Impulse
-    };
-    let (target, friction) = (problem.target.as_slice()?, problem.friction.as_slice()?);
-    let start = problem
-        .start
-        .as_ref()
-        .map(|start| start.as_slice())
-        .transpose()?;
+    let system = system.get();
+    let start = start.as_ref().map(|start| start.as_slice()).transpose()?;
     if let Some(start) = start {
-        same_length("start", start.len(), target.len())?;
+        same_length("start", start.len(), system.target.len())?;
     }
     let signal = Mutex::new(None);
     let interrupted = || {
@@ -123,7 +86,8 @@ pub fn exact(py: Python<'_>, problem: Asked<'_>, settings: Wanted) -> PyResult<E
         signal.is_some()
     };
     let (report, solve_seconds) = py.detach(|| -> Result<_, ShapeError> {
-        let problem = Problem::new(matrix, &form, target, friction, law)?;
+        let operator = system.operator.clone();
+        let problem = Problem::new(operator, &system.target, &system.friction, law)?;
         let began = Instant::now();
         let limits = Limits::new(
             settings.tolerance,
@@ -138,44 +102,6 @@ pub fn exact(py: Python<'_>, problem: Asked<'_>, settings: Wanted) -> PyResult<E
         return Err(signal);
     }
     Ok(answer(py, report, solve_seconds.as_secs_f64()))
-}
-
-fn block_matrix(problem: &Asked<'_>) -> PyResult<BlockMatrix> {
-    let index = |name: &'static str, array: &PyReadonlyArray1<'_, i64>| -> PyResult<Vec<usize>> {
-        let convert = |(index, &value): (usize, &i64)| {
-            usize::try_from(value).map_err(|_| {
-                ProblemError::new_err(format!(
-                    "{name}[{index}] is {value}: it must not be negative"
-                ))
-            })
-        };
-        array.as_slice()?.iter().enumerate().map(convert).collect()
-    };
-    let starts = index("indptr", &problem.indptr)?;
-    let columns = index("indices", &problem.indices)?
-        .into_iter()
-        .map(|column| column as u32)
-        .collect();
-    let shape = (problem.rows, problem.block_columns);
-    Ok(BlockMatrix::new(
-        starts,
-        columns,
-        problem.data.as_slice()?.to_vec(),
-        shape,
-        problem.columns,
-    )?)
-}
-
-fn same_length(name: &'static str, found: usize, needed: usize) -> Result<(), ShapeError> {
-    if found == needed {
-        Ok(())
-    } else {
-        Err(ShapeError::Length {
-            name,
-            found,
-            needed,
-        })
-    }
 }
 
 fn answer(py: Python<'_>, report: Report, solve_seconds: f64) -> ExactReport {

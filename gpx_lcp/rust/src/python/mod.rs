@@ -5,6 +5,7 @@ mod gauss_seidel;
 mod records;
 mod scene;
 mod stepping;
+mod system;
 
 use pyo3::prelude::*;
 
@@ -22,6 +23,8 @@ mod _core {
     use super::scene::Bodies;
     #[pymodule_export]
     use super::stepping::{Step, take_steps};
+    #[pymodule_export]
+    use super::system::System;
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {

@@ -1,0 +1,204 @@
+//! A stacked system as the core holds it: handed over once, then solved and judged as often as one likes.
+
+use std::array::from_fn;
+
+use numpy::{
+    PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
+    PyUntypedArrayMethods,
+};
+use pyo3::prelude::*;
+
+use crate::exact::{BlockMatrix, Operator, ShapeError};
+use crate::program::Program;
+
+pyo3::import_exception!(gpx_lcp.errors, ProblemError);
+
+impl From<ShapeError> for PyErr {
+    fn from(error: ShapeError) -> Self {
+        ProblemError::new_err(error.to_string())
+    }
+}
+
+/// Read an array of indices, of 32 or 64 bits as SciPy chooses.
+fn indices<T>(name: &str, array: &Bound<'_, PyAny>) -> PyResult<Vec<T>>
+where
+    T: TryFrom<i32> + TryFrom<i64>,
+{
+    // Asked by type first: an extraction that fails words an error, which takes longer than a small solve.
+    if let Ok(narrow) = array.cast::<PyArray1<i32>>() {
+        return converted(name, narrow.try_readonly()?.as_slice()?);
+    }
+    converted(
+        name,
+        array.extract::<PyReadonlyArray1<'_, i64>>()?.as_slice()?,
+    )
+}
+
+fn converted<S: Copy + std::fmt::Display, T: TryFrom<S>>(
+    name: &str,
+    values: &[S],
+) -> PyResult<Vec<T>> {
+    let convert = |(index, &value): (usize, &S)| {
+        T::try_from(value).map_err(|_| {
+            ProblemError::new_err(format!(
+                "{name}[{index}] is {value}: it must not be negative, nor beyond 32 bits for a column"
+            ))
+        })
+    };
+    values.iter().enumerate().map(convert).collect()
+}
+
+/// A, or Ĵ with A = Ĵ Ĵᵀ, by blocks, with B, μ and d = max diag A_ii of each contact.
+#[pyclass(frozen)]
+pub struct System {
+    pub operator: Operator,
+    pub target: Vec<f64>,
+    pub friction: Vec<f64>,
+    scale: Vec<f64>,
+}
+
+#[pymethods]
+impl System {
+    /// From a dense A, (rows n, rows n); blocks of zeros are left out.
+    #[staticmethod]
+    fn from_dense(
+        delassus: PyReadonlyArray2<'_, f64>,
+        target: PyReadonlyArray1<'_, f64>,
+        friction: PyReadonlyArray1<'_, f64>,
+    ) -> PyResult<Self> {
+        let (contacts, rows) = contacts_and_rows(&target, &friction);
+        for &length in delassus.shape() {
+            same_length("A", length, contacts * rows)?;
+        }
+        let matrix = BlockMatrix::from_dense(delassus.as_slice()?, contacts, rows);
+        Self::of_delassus(matrix, target, friction)
+    }
+
+    /// From A in compressed rows.
+    #[staticmethod]
+    fn from_compressed_rows(
+        starts: &Bound<'_, PyAny>,
+        columns: &Bound<'_, PyAny>,
+        values: PyReadonlyArray1<'_, f64>,
+        target: PyReadonlyArray1<'_, f64>,
+        friction: PyReadonlyArray1<'_, f64>,
+    ) -> PyResult<Self> {
+        let (contacts, rows) = contacts_and_rows(&target, &friction);
+        let (starts, columns): (Vec<usize>, Vec<u32>) =
+            (indices("indptr", starts)?, indices("indices", columns)?);
+        let scalars = BlockMatrix::new(
+            starts,
+            columns,
+            values.as_slice()?.to_vec(),
+            (1, 1),
+            contacts * rows,
+        )?;
+        let matrix = if rows == 1 {
+            scalars
+        } else {
+            scalars.in_blocks(rows)
+        };
+        Self::of_delassus(matrix, target, friction)
+    }
+
+    /// From Ĵ in compressed rows of blocks, (blocks, rows, width).
+    #[staticmethod]
+    fn from_factor(
+        starts: &Bound<'_, PyAny>,
+        columns: &Bound<'_, PyAny>,
+        blocks: PyReadonlyArray3<'_, f64>,
+        block_columns: usize,
+        target: PyReadonlyArray1<'_, f64>,
+        friction: PyReadonlyArray1<'_, f64>,
+    ) -> PyResult<Self> {
+        let shape = (blocks.shape()[1], blocks.shape()[2]);
+        let (starts, columns) = (indices("indptr", starts)?, indices("indices", columns)?);
+        let values = blocks.as_slice()?.to_vec();
+        let matrix = BlockMatrix::new(starts, columns, values, shape, block_columns)?;
+        Self::new(Operator::Velocity(matrix), target, friction)
+    }
+
+    /// ‖natural map‖/‖B‖ of impulses (rows n,) under one of the laws "normal", "cone" and "coulomb".
+    fn residual(&self, law: &str, impulse: PyReadonlyArray1<'_, f64>) -> PyResult<f64> {
+        let program = match law {
+            "normal" => Program::Normal,
+            "cone" => Program::Cone,
+            "coulomb" => Program::Coulomb,
+            other => {
+                return Err(ProblemError::new_err(format!(
+                    "there is no exact law named {other:?}"
+                )));
+            }
+        };
+        let impulse = impulse.as_slice()?;
+        same_length("impulse", impulse.len(), self.target.len())?;
+        let rows = self.operator.rows();
+        let mut velocity = vec![[0.0; 3]; self.friction.len()];
+        let padded: Vec<[f64; 3]> = impulse
+            .chunks_exact(rows)
+            .map(|p| from_fn(|r| p.get(r).copied().unwrap_or(0.0)))
+            .collect();
+        self.operator.apply(&padded, &mut velocity, &mut Vec::new());
+        let product = velocity.iter().flat_map(|u| &u[..rows]);
+        let velocity: Vec<f64> = product.zip(&self.target).map(|(u, b)| u - b).collect();
+        Ok(program.relative_map(
+            &self.friction,
+            &self.scale,
+            &self.target,
+            impulse,
+            &velocity,
+        ))
+    }
+}
+
+impl System {
+    fn of_delassus(
+        matrix: BlockMatrix,
+        target: PyReadonlyArray1<'_, f64>,
+        friction: PyReadonlyArray1<'_, f64>,
+    ) -> PyResult<Self> {
+        let operator = Operator::Impulse(matrix.with_symmetric_pattern());
+        Self::new(operator, target, friction)
+    }
+
+    fn new(
+        operator: Operator,
+        target: PyReadonlyArray1<'_, f64>,
+        friction: PyReadonlyArray1<'_, f64>,
+    ) -> PyResult<Self> {
+        let (target, friction) = (target.as_slice()?.to_vec(), friction.as_slice()?.to_vec());
+        let (contacts, rows) = (operator.contacts(), operator.rows());
+        same_length("friction", friction.len(), contacts)?;
+        same_length("B", target.len(), contacts * rows)?;
+        let diagonal = operator.diagonal();
+        let largest = |d: &[f64; 3]| d.iter().copied().fold(0.0, f64::max);
+        Ok(Self {
+            scale: diagonal.iter().map(largest).collect(),
+            operator,
+            target,
+            friction,
+        })
+    }
+}
+
+/// Refuse an array of another length than needed.
+pub fn same_length(name: &'static str, found: usize, needed: usize) -> Result<(), ShapeError> {
+    if found == needed {
+        Ok(())
+    } else {
+        Err(ShapeError::Length {
+            name,
+            found,
+            needed,
+        })
+    }
+}
+
+fn contacts_and_rows(
+    target: &PyReadonlyArray1<'_, f64>,
+    friction: &PyReadonlyArray1<'_, f64>,
+) -> (usize, usize) {
+    let contacts = friction.len();
+    // A system of no contacts has three rows for each of them, as anywhere else.
+    (contacts, target.len().checked_div(contacts).unwrap_or(3))
+}
