@@ -12,6 +12,7 @@ from formulations import (
 )
 from gpx_lcp import scenes
 from gpx_lcp._core import BUILD_PROFILE
+from gpx_lcp.contacts import Contacts
 from gpx_lcp.errors import BackendError, BackendMissing, GpxLcpError, ProblemError, SettingsError
 from gpx_lcp.fclib import FclibProblem, read_fclib, write_fclib
 from gpx_lcp.materials import Material
@@ -21,7 +22,7 @@ from gpx_lcp.solution import Solution, Status
 from gpx_lcp.solve import solve
 from gpx_lcp.solvers import SolverTable, solvers
 from gpx_lcp.solvers.lemke import LCPSolution, solve_lcp
-from gpx_lcp.world import Contacts, World
+from gpx_lcp.world import World
 
 __all__ = [
     "BUILD_PROFILE",

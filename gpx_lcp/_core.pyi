@@ -112,11 +112,22 @@ class State:
 
 @final
 class Contacts:
+    def __new__(
+        cls,
+        among: Bodies,
+        bodies: npt.NDArray[np.uint32],
+        features: npt.NDArray[np.uint32],
+        points: _Floats,
+        frames: _Floats,
+        gaps: _Floats,
+    ) -> Contacts: ...
     def __len__(self) -> int: ...
     @property
     def body_a(self) -> npt.NDArray[np.int64]: ...
     @property
     def body_b(self) -> npt.NDArray[np.int64]: ...
+    @property
+    def pairs(self) -> npt.NDArray[np.uint32]: ...
     @property
     def features(self) -> npt.NDArray[np.uint32]: ...
     @property
@@ -175,5 +186,5 @@ class Step:
     def extras(self) -> dict[str, Any]: ...
 
 def take_steps(
-    bodies: Bodies, state: State, previous: Step | None, asked: dict[str, Any], count: int
+    bodies: Bodies, state: State, contacts: Contacts | None, impulse: _Floats, asked: dict[str, Any], count: int
 ) -> tuple[Step | None, int | None, BaseException | None]: ...

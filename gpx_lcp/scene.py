@@ -208,7 +208,7 @@ class Scene:
             mass=np.inf,
             inertia=freeze(np.zeros((3, 3))),
             position=freeze(as_array(f"position of {name}", position, (3,))),
-            orientation=_checked_orientation(name, orientation),
+            orientation=checked_orientation(name, orientation),
             velocity=zero,
             angular_velocity=zero,
             force=zero,
@@ -239,7 +239,7 @@ class Scene:
             mass=mass,
             inertia=freeze(inertia),
             position=freeze(as_array(f"position of {name}", position, (3,))),
-            orientation=_checked_orientation(name, orientation),
+            orientation=checked_orientation(name, orientation),
             velocity=freeze(as_array(f"velocity of {name}", velocity, (3,))),
             angular_velocity=freeze(as_array(f"angular_velocity of {name}", angular_velocity, (3,))),
             force=freeze(as_array(f"force of {name}", force, (3,))),
@@ -273,7 +273,8 @@ def _checked_material(name: str, material: object) -> Material:
     return material
 
 
-def _checked_orientation(name: str, value: npt.ArrayLike) -> Array:
+def checked_orientation(name: str, value: npt.ArrayLike) -> Array:
+    """Return the unit quaternion of the body of this name, of length 1 to rounding."""
     orientation = as_array(f"orientation of {name}", value, (4,))
     length = float(np.linalg.norm(orientation))
     if abs(length - 1.0) > UNIT_TOLERANCE:

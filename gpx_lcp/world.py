@@ -14,82 +14,30 @@ Every stage but the solver runs in the core; the solver is any of `gpx.solvers()
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from functools import cache
-from typing import Any
+from os import PathLike
+from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
+from scipy.spatial.transform import Rotation
 
 from formulations import StackedSystem
 from formulations.checks import Array, as_array, freeze
 from gpx_lcp import _core
+from gpx_lcp.contacts import Contacts
 from gpx_lcp.errors import ProblemError, SettingsError
-from gpx_lcp.materials import COMBINE_RULES
+from gpx_lcp.inhabitants import Inhabitants, table
+from gpx_lcp.instant import Instant
 from gpx_lcp.native import NativeSolver
-from gpx_lcp.scene import Body, Scene
+from gpx_lcp.scene import Body, Scene, checked_orientation
+from gpx_lcp.snapshot import ContactArrays, Snapshot
 from gpx_lcp.solution import Solution, Status
 from gpx_lcp.solve import solve
 from gpx_lcp.solvers import solvers
-
-
-@dataclass(frozen=True)
-class Contacts:
-    """The contacts of one step, as arrays over the n contacts.
-
-    Attributes
-    ----------
-    body_a, body_b : (n,) int array
-        Indices of the bodies; -1 is a body that never moves, which is always body a.
-    point : (n, 3) array, m
-        World frame, halfway between the surfaces.
-    normal : (n, 3) array
-        Unit, from body a to body b.
-    frame : (n, 3, 3) array
-        Rows: the normal and two tangents, the axes of `impulse`.
-    gap : (n,) array, m
-        At the start of the step; negative is penetration.
-    friction : (n,) array
-    impulse : (n, 3) array, N s
-        On body b, in the contact frame; zero before the first step.
-    force : (n, 3) array, N
-        On body b, world frame: the impulse over the length of the step.
-    """
-
-    body_a: npt.NDArray[np.int64]
-    body_b: npt.NDArray[np.int64]
-    point: Array
-    normal: Array
-    frame: Array
-    gap: Array
-    friction: Array
-    impulse: Array
-    force: Array
-
-
-@dataclass(frozen=True)
-class _Instant:
-    """All that a step changes, so that an interrupted step changes nothing.
-
-    `solution` works the Solution out, once; `step` is what the core keeps of a step of its own.
-    """
-
-    steps: int
-    unsolved: int
-    state: _core.State
-    contacts: _core.Contacts | None = None
-    solution: Callable[[], Solution] | None = None
-    step: _core.Step | None = None
-
-    def impulse(self) -> Array:
-        """Return the contacts' impulses as (n, 3), also where they have one row or no step has been taken."""
-        impulse = np.zeros((0 if self.contacts is None else len(self.contacts), 3))
-        if self.solution is not None:
-            found = self.solution().impulse if self.step is None else self.step.impulse
-            impulse[:, : found.shape[1]] = found
-        return impulse
 
 
 class World:
@@ -155,11 +103,21 @@ class World:
         if not isinstance(scene, Scene):
             raise ProblemError(f"scene is a {type(scene).__name__}: a Scene is needed")
         self._time_step = _checked_time_step(time_step)
+        # The time, and the steps taken, when the length of a step was last changed.
+        self._clock = 0.0, 0
         self._effort: Mapping[str, Any] = {
             "solver": solver,
             "formulation": formulation,
             "max_iterations": iterations,
             "tolerance": tolerance,
+            **settings,
+        }
+        self._options: Mapping[str, Any] = {
+            "solver": solver,
+            "formulation": formulation,
+            "iterations": iterations,
+            "tolerance": tolerance,
+            "warm_start": warm_start,
             **settings,
         }
         # One contact, solved, finds whatever is wrong with the settings before the first step does.
@@ -168,55 +126,82 @@ class World:
             raise SettingsError(f"warm_start is {warm_start!r}: it must be True or False")
         self._warm_start = warm_start and solvers()[solver].warm_starts
 
-        self._bodies, self._fixed = scene.bodies, scene.fixed
-        everybody = self._bodies + self._fixed
-        self._core = _core_bodies(self._bodies, self._fixed)
-        self._rows = 3 if any(body.material.friction for body in everybody) else 1
-        self._columns = 6 if any(body.inertia.any() for body in self._bodies) else 3
+        bodies = scene.bodies
+        self._inhabit(Inhabitants.of(bodies, scene.fixed))
         self.gravity = scene.gravity
-        self.forces = _table(self._bodies, "force", "torque")
+        self.forces = table(bodies, "force", "torque")
         state = _core.State(
-            _table(self._bodies, "position"),
-            _table(self._bodies, "orientation", width=4),
-            _table(self._bodies, "velocity", "angular_velocity"),
+            table(bodies, "position"),
+            table(bodies, "orientation", width=4),
+            table(bodies, "velocity", "angular_velocity"),
         )
-        self._native = NativeSolver.of(self._rows, self._effort)
-        self._native_settings = {} if self._native is None else self._native.settings()
-        self._now = _Instant(steps=0, unsolved=0, state=state)
+        self._now = Instant(steps=0, unsolved=0, state=state, time_step=self._time_step)
 
     @property
     def bodies(self) -> tuple[Body, ...]:
-        """The moving bodies as the scene had them, in the order of the arrays."""
-        return self._bodies
+        """The moving bodies as they were added, in the order of the arrays."""
+        return self._inhabitants.bodies
+
+    @property
+    def fixed(self) -> tuple[Body, ...]:
+        """The bodies that never move."""
+        return self._inhabitants.fixed
 
     @property
     def time_step(self) -> float:
         """The length of a step, s."""
         return self._time_step
 
+    @time_step.setter
+    def time_step(self, value: float) -> None:
+        value = _checked_time_step(value)
+        if value != self._time_step:
+            self._clock = self.time, self._now.steps
+            self._time_step = value
+
+    @property
+    def steps(self) -> int:
+        """How many steps the world has taken."""
+        return self._now.steps
+
     @property
     def time(self) -> float:
         """Time since the start, s."""
-        return self._now.steps * self._time_step
+        since, steps = self._clock
+        return since + (self._now.steps - steps) * self._time_step
 
     @property
     def positions(self) -> Array:
         """Centres of mass, (bodies, 3), m."""
         return freeze(self._now.state.positions)
 
+    @positions.setter
+    def positions(self, value: npt.ArrayLike) -> None:
+        self._now = self._now.placed(positions=as_array("positions", value, (len(self.bodies), 3)))
+
     @property
     def orientations(self) -> Array:
         """Unit quaternions w, x, y, z from the body's frame to the world's, (bodies, 4)."""
         return freeze(self._now.state.orientations)
+
+    @orientations.setter
+    def orientations(self, value: npt.ArrayLike) -> None:
+        rows = as_array("orientations", value, (len(self.bodies), 4))
+        checked = [checked_orientation(body.name, row) for body, row in zip(self.bodies, rows, strict=True)]
+        self._now = self._now.placed(orientations=np.array(checked).reshape(-1, 4))
 
     @property
     def velocities(self) -> Array:
         """Linear (m/s) and angular (rad/s) velocities, world frame, (bodies, 6)."""
         return freeze(self._now.state.velocities)
 
+    @velocities.setter
+    def velocities(self, value: npt.ArrayLike) -> None:
+        self._now = self._now.placed(velocities=as_array("velocities", value, (len(self.bodies), 6)))
+
     @property
     def solution(self) -> Solution | None:
-        """What the solver gave in the last step; None before the first."""
+        """What the solver gave in the last step; None before the first, and until the next after a restore."""
         return None if self._now.solution is None else self._now.solution()
 
     @property
@@ -240,7 +225,7 @@ class World:
 
     @forces.setter
     def forces(self, value: npt.ArrayLike) -> None:
-        self._forces = as_array("forces", value, (len(self._bodies), 6))
+        self._forces = as_array("forces", value, (len(self.bodies), 6))
 
     def step(self, steps: int = 1) -> None:
         """Take `steps` steps.
@@ -264,6 +249,241 @@ class World:
         for _ in range(steps):
             self._now = self._next()
 
+    def add(self, body: Body) -> Body:
+        """Add a body that a Scene has made: `ball = world.add(gpx.Scene().add_rigid(gpx.Sphere(0.5), 1.0))`.
+
+        It starts where it was added to its scene, with the velocity, force and torque that it has there. Contacts of
+        the other bodies keep their impulses for the warm start.
+
+        Returns
+        -------
+        Body
+            The same with its row in the arrays of this world, one of `world.bodies` or `world.fixed` from now on.
+        """
+        if not isinstance(body, Body):
+            raise ProblemError(f"body is a {type(body).__name__}: a Body, as Scene.add_rigid makes it, is needed")
+        inhabitants, added = self._inhabitants.with_body(body)
+        state, now = self._now.state, self._now
+        if added.index >= 0:
+            one = (added,)
+            now = now.with_body(inhabitants.core, added.index).placed(
+                positions=np.vstack((state.positions, table(one, "position"))),
+                orientations=np.vstack((state.orientations, table(one, "orientation", width=4))),
+                velocities=np.vstack((state.velocities, table(one, "velocity", "angular_velocity"))),
+            )
+            self._forces = np.vstack((self._forces, table(one, "force", "torque")))
+        self._now = now
+        self._inhabit(inhabitants)
+        return added
+
+    def remove(self, body: Body | str | int) -> None:
+        """Remove a body.
+
+        The moving bodies behind it move up by one row: take them from `world.bodies` again, which has them with their
+        new index. Contacts that stay keep their impulses for the warm start.
+
+        Parameters
+        ----------
+        body : Body, str or int
+            One of `world.bodies` or `world.fixed`, or its name, or the row of a moving one.
+        """
+        number = self._inhabitants.number(body)
+        inhabitants = self._inhabitants.without_body(number)
+        state, now = self._now.state, self._now.without_body(inhabitants.core, number)
+        if number < len(self.bodies):
+            now = now.placed(
+                positions=np.delete(state.positions, number, axis=0),
+                orientations=np.delete(state.orientations, number, axis=0),
+                velocities=np.delete(state.velocities, number, axis=0),
+            )
+            self._forces = np.delete(self._forces, number, axis=0)
+        self._now = now
+        self._inhabit(inhabitants)
+
+    def move(
+        self,
+        body: Body | str | int,
+        *,
+        position: npt.ArrayLike | None = None,
+        orientation: npt.ArrayLike | None = None,
+        velocity: npt.ArrayLike | None = None,
+        angular_velocity: npt.ArrayLike | None = None,
+    ) -> None:
+        """Put a moving body somewhere else or give it another velocity, at once; what is not given stays.
+
+        `positions`, `orientations` and `velocities` may be set as a whole, too.
+
+        Parameters
+        ----------
+        body : Body, str or int
+            One of `world.bodies`, or its name or row.
+        position, orientation, velocity, angular_velocity
+            As in `Body`.
+        """
+        moving = self._inhabitants.moving(body)
+        row, name = moving.index, moving.name
+        state = self._now.state
+        positions, orientations, velocities = state.positions, state.orientations, state.velocities
+        if position is not None:
+            positions[row] = as_array(f"position of {name}", position, (3,))
+        if orientation is not None:
+            orientations[row] = checked_orientation(name, orientation)
+        if velocity is not None:
+            velocities[row, :3] = as_array(f"velocity of {name}", velocity, (3,))
+        if angular_velocity is not None:
+            velocities[row, 3:] = as_array(f"angular_velocity of {name}", angular_velocity, (3,))
+        self._now = self._now.placed(positions, orientations, velocities)
+
+    def apply_force(
+        self,
+        body: Body | str | int,
+        force: npt.ArrayLike = (0.0, 0.0, 0.0),
+        *,
+        torque: npt.ArrayLike = (0.0, 0.0, 0.0),
+        point: npt.ArrayLike | None = None,
+    ) -> None:
+        """Add a force and a torque to those that act on a body in every step from now on: to its row of `forces`.
+
+        Parameters
+        ----------
+        body : Body, str or int
+            One of `world.bodies`, or its name or row.
+        force : (3,) array, N
+            World frame.
+        torque : (3,) array, N m
+            World frame.
+        point : (3,) array, m, optional
+            Where the force acts, world frame; the centre of mass unless given. Its torque is that of the body's present
+            position and does not follow the body as it moves.
+        """
+        moving = self._inhabitants.moving(body)
+        self._forces[moving.index] += self._wrench(moving, "force", force, "torque", torque, point)
+
+    def apply_impulse(
+        self,
+        body: Body | str | int,
+        impulse: npt.ArrayLike = (0.0, 0.0, 0.0),
+        *,
+        angular_impulse: npt.ArrayLike = (0.0, 0.0, 0.0),
+        point: npt.ArrayLike | None = None,
+    ) -> None:
+        """Change the velocity of a body at once, by M⁻¹ times an impulse (N s) and an angular impulse (N m s).
+
+        The parameters are those of `apply_force`. A body that does not rotate keeps its angular velocity.
+        """
+        moving = self._inhabitants.moving(body)
+        wrench = self._wrench(moving, "impulse", impulse, "angular_impulse", angular_impulse, point)
+        velocity = self._now.state.velocities[moving.index]
+        velocity[:3] += wrench[:3] / moving.mass
+        if moving.inertia.any():
+            w, *xyz = self._now.state.orientations[moving.index]
+            turn = Rotation.from_quat([*xyz, w])
+            velocity[3:] += turn.apply(np.linalg.solve(moving.inertia, turn.inv().apply(wrench[3:])))
+        self.move(moving, velocity=velocity[:3], angular_velocity=velocity[3:])
+
+    def snapshot(self) -> bytes:
+        """Return all that the world is at this instant, bit by bit: what `restore` and `load` take.
+
+        They are the bytes of an `.npz` file: bodies, state, gravity, forces, time, the contacts of the last step with
+        their impulses, and the settings of the solver.
+        """
+        now, contacts = self._now, self._now.contacts
+        return Snapshot(
+            options=self._options,
+            bodies=self.bodies,
+            fixed=self.fixed,
+            steps=now.steps,
+            unsolved=now.unsolved,
+            time_step=self._time_step,
+            clock=self._clock,
+            gravity=self._gravity,
+            forces=self._forces,
+            positions=now.state.positions,
+            orientations=now.state.orientations,
+            velocities=now.state.velocities,
+            last_time_step=now.time_step,
+            contacts=None
+            if contacts is None
+            else ContactArrays(
+                pairs=contacts.pairs,
+                features=contacts.features,
+                points=contacts.points,
+                frames=contacts.frames,
+                gaps=contacts.gaps,
+                impulse=now.impulse,
+            ),
+        ).to_bytes()
+
+    def restore(self, snapshot: bytes | str | PathLike[str]) -> None:
+        """Take the world back to a snapshot: its bytes, or the file that `save` wrote.
+
+        From there it moves as the world did that the snapshot was made of, bit by bit, if it has the same settings. It
+        keeps its own; `World.load` makes a world with those of the snapshot.
+
+        Raises
+        ------
+        ProblemError
+            When they are no snapshot, damaged, or of another version; the world stays as it is.
+        """
+        self._take(Snapshot.read(snapshot))
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write `snapshot()` to a file, best named `.npz`."""
+        Path(path).write_bytes(self.snapshot())
+
+    @classmethod
+    def load(cls, snapshot: bytes | str | PathLike[str]) -> Self:
+        """Return a new world from a snapshot, or the file that `save` wrote: with its bodies, state and settings.
+
+        Raises
+        ------
+        ProblemError
+            As `restore`.
+        SettingsError, BackendMissing
+            When the settings are not for this machine: its solver is not installed.
+        """
+        read = Snapshot.read(snapshot)
+        world = cls(Scene(), read.time_step, **read.options)
+        world._take(read)
+        return world
+
+    def _take(self, read: Snapshot) -> None:
+        inhabitants = Inhabitants.of(read.bodies, read.fixed)
+        contacts, impulse = None, np.zeros((0, 3))
+        if read.contacts is not None:
+            stored = read.contacts
+            numbers = stored.pairs, stored.features, stored.points, stored.frames.reshape(-1, 9), stored.gaps
+            contacts = _core.Contacts(inhabitants.core, *numbers)
+            impulse = stored.impulse
+        self._inhabit(inhabitants)
+        self._time_step, self._clock = read.time_step, read.clock
+        self.gravity, self.forces = read.gravity, read.forces
+        self._now = Instant(
+            steps=read.steps,
+            unsolved=read.unsolved,
+            state=_core.State(read.positions, read.orientations, read.velocities),
+            time_step=read.last_time_step,
+            contacts=contacts,
+            impulse=impulse,
+        )
+
+    def _wrench(
+        self,
+        body: Body,
+        linear_name: str,
+        linear: npt.ArrayLike,
+        angular_name: str,
+        angular: npt.ArrayLike,
+        point: npt.ArrayLike | None,
+    ) -> Array:
+        """Return (6,): a force or impulse, and with its moment about the centre of mass a torque or angular impulse."""
+        force = as_array(f"{linear_name} on {body.name}", linear, (3,))
+        torque = as_array(f"{angular_name} on {body.name}", angular, (3,))
+        if point is not None:
+            arm = as_array(f"point on {body.name}", point, (3,)) - self._now.state.positions[body.index]
+            torque += np.cross(arm, force)
+        return np.concatenate((force, torque))
+
     def system(self) -> StackedSystem:
         """Return the stacked system that the next step would solve."""
         free = self._free_velocities()
@@ -272,7 +492,7 @@ class World:
     @property
     def contacts(self) -> Contacts:
         """The contacts of the last step with their impulses; before the first step, those of the start without any."""
-        contacts, impulse = self._now.contacts, self._now.impulse()
+        contacts, impulse = self._now.contacts, self._now.impulse_of_rows(3)
         if contacts is None:
             contacts = self._detect(self._free_velocities())
             impulse = np.zeros((len(contacts), 3))
@@ -286,15 +506,20 @@ class World:
             gap=contacts.gaps,
             friction=contacts.friction,
             impulse=impulse,
-            force=np.einsum("kr,krx->kx", impulse, frames) / self._time_step,
+            force=np.einsum("kr,krx->kx", impulse, frames) / self._now.time_step,
         )
 
     def __repr__(self) -> str:
-        return f"World({len(self._bodies)} moving bodies, {len(self._fixed)} fixed, t = {self.time:.6g} s)"
+        return f"World({len(self.bodies)} moving bodies, {len(self.fixed)} fixed, t = {self.time:.6g} s)"
+
+    def _inhabit(self, inhabitants: Inhabitants) -> None:
+        self._inhabitants = inhabitants
+        self._native = NativeSolver.of(inhabitants.rows, self._effort)
+        self._native_settings = {} if self._native is None else self._native.settings()
 
     def _free_velocities(self) -> Array:
-        forces = as_array("forces", self._forces, (len(self._bodies), 6))
-        free = self._core.free_velocities(self._now.state, forces, self._gravity_numbers(), self._time_step)
+        forces = as_array("forces", self._forces, (len(self.bodies), 6))
+        free = self._inhabitants.core.free_velocities(self._now.state, forces, self._gravity_numbers(), self._time_step)
         self._require_finite(free)
         return free
 
@@ -303,25 +528,35 @@ class World:
         return x, y, z
 
     def _detect(self, free: Array) -> _core.Contacts:
-        return self._core.detect(self._now.state, free, self._time_step)
+        return self._inhabitants.core.detect(self._now.state, free, self._time_step)
 
     def _stack(self, contacts: _core.Contacts, free: Array) -> _core.Stack:
         strength = float(np.linalg.norm(self._gravity))
-        return self._core.stack(self._now.state, contacts, free, self._time_step, strength, self._rows, self._columns)
+        return self._inhabitants.core.stack(
+            self._now.state,
+            contacts,
+            free,
+            self._time_step,
+            strength,
+            self._inhabitants.rows,
+            self._inhabitants.columns,
+        )
 
-    def _system(self, stack: _core.Stack) -> StackedSystem:
+    @staticmethod
+    def _system(stack: _core.Stack) -> StackedSystem:
         starts, columns, blocks, whitened = stack.jacobian()
-        shape = ((starts.size - 1) * self._rows, len(self._bodies) * self._columns)
+        inverse_mass = stack.inverse_mass()
+        shape = ((starts.size - 1) * blocks.shape[1], inverse_mass.shape[0] * inverse_mass.shape[1])
         return StackedSystem.from_jacobian(
             sp.bsr_array((blocks, columns, starts), shape=shape),
-            stack.inverse_mass(),
+            inverse_mass,
             stack.target,
             stack.friction,
             free_velocity=stack.free_velocities.ravel(),
             whitened_blocks=whitened,
         )
 
-    def _next(self) -> _Instant:
+    def _next(self) -> Instant:
         """Take one step, stage by stage."""
         now = self._now
         free = self._free_velocities()
@@ -330,15 +565,18 @@ class World:
         system = self._system(stack)
         start = None
         if self._warm_start and now.contacts is not None:
-            start = self._core.match_impulses(contacts, now.contacts, now.impulse())[:, : system.rows]
+            last = now.start_impulse(3, self._time_step)
+            start = self._inhabitants.core.match_impulses(contacts, now.contacts, last)[:, : system.rows]
         solution = solve(system, warm_start=start, **self._effort)
-        state = self._core.moved(now.state, contacts, stack, solution.impulse.ravel(), self._time_step)
+        state = self._inhabitants.core.moved(now.state, contacts, stack, solution.impulse.ravel(), self._time_step)
         self._require_finite(np.hstack((state.positions, state.orientations, state.velocities)))
-        return _Instant(
+        return Instant(
             steps=now.steps + 1,
             unsolved=now.unsolved + (solution.status is not Status.SOLVED),
             state=state,
+            time_step=self._time_step,
             contacts=contacts,
+            impulse=solution.impulse,
             solution=lambda: solution,
         )
 
@@ -348,19 +586,28 @@ class World:
         asked = {
             "time_step": self._time_step,
             "gravity": self._gravity_numbers(),
-            "forces": as_array("forces", self._forces, (len(self._bodies), 6)),
-            "rows": self._rows,
-            "columns": self._columns,
+            "forces": as_array("forces", self._forces, (len(self.bodies), 6)),
+            "rows": self._inhabitants.rows,
+            "columns": self._inhabitants.columns,
             "warm_start": self._warm_start,
             **self._native_settings,
         }
-        step, body, error = _core.take_steps(self._core, now.state, now.step, asked, count)
+        step, body, error = _core.take_steps(
+            self._inhabitants.core,
+            now.state,
+            now.contacts,
+            now.start_impulse(self._inhabitants.rows, self._time_step),
+            asked,
+            count,
+        )
         if step is not None:
-            self._now = _Instant(
+            self._now = Instant(
                 steps=now.steps + step.steps,
                 unsolved=now.unsolved + step.unsolved,
                 state=step.state,
+                time_step=self._time_step,
                 contacts=step.contacts,
+                impulse=step.impulse,
                 solution=cache(lambda: native.solution(step, self._system(step.stack))),
                 step=step,
             )
@@ -376,7 +623,7 @@ class World:
 
     def _not_finite(self, body: int) -> ProblemError:
         return ProblemError(
-            f"the state of {self._bodies[body].name} is not finite after step {self._now.steps + 1}: "
+            f"the state of {self.bodies[body].name} is not finite after step {self._now.steps + 1}: "
             "is the time step too long for its forces?"
         )
 
@@ -389,29 +636,3 @@ def _checked_time_step(time_step: float) -> float:
     if not (np.isfinite(value) and value > 0):
         raise SettingsError(f"time_step is {value:g}: it must be positive and finite")
     return value
-
-
-def _table(bodies: tuple[Body, ...], *names: str, width: int = 3) -> Array:
-    rows = [np.concatenate([getattr(body, name) for name in names]) for body in bodies]
-    return np.array(rows, dtype=np.float64).reshape(len(bodies), width * len(names))
-
-
-def _core_bodies(moving: tuple[Body, ...], fixed: tuple[Body, ...]) -> _core.Bodies:
-    def shape(body: Body) -> tuple[str, Array]:
-        if body.shape is None:
-            return "none", np.zeros(0)
-        return body.shape.kind, np.ascontiguousarray(body.shape.numbers(), dtype=np.float64)
-
-    def material(body: Body) -> tuple[float, int, float, int]:
-        m = body.material
-        return m.friction, COMBINE_RULES.index(m.friction_rule), m.elasticity, COMBINE_RULES.index(m.elasticity_rule)
-
-    everybody = moving + fixed
-    return _core.Bodies(
-        len(moving),
-        [shape(body) for body in everybody],
-        [material(body) for body in everybody],
-        np.array([body.mass for body in moving], dtype=np.float64),
-        np.array([body.inertia.ravel() for body in moving], dtype=np.float64).reshape(-1, 9),
-        np.hstack((_table(fixed, "position"), _table(fixed, "orientation", width=4))),
-    )

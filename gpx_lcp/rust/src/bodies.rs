@@ -86,6 +86,12 @@ impl Bodies {
         self.solids.is_empty()
     }
 
+    /// Whether these are two bodies of which at least one moves.
+    pub fn may_touch(&self, [a, b]: [u32; 2]) -> bool {
+        let (low, high) = (a.min(b) as usize, a.max(b) as usize);
+        low < high && low < self.moving && high < self.len()
+    }
+
     fn mass_or_infinity(&self, body: usize) -> f64 {
         self.masses.get(body).copied().unwrap_or(f64::INFINITY)
     }

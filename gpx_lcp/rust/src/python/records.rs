@@ -1,10 +1,13 @@
 //! What a time step reads and leaves, as Python sees it: states, contacts and stacked systems; and the arrays they
 //! are made of.
 
-use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{
+    Element, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
+};
 use parry3d_f64::math::{Pose, Rotation, Vector};
 use pyo3::prelude::*;
 
+use super::scene::Bodies;
 use crate::bodies::{Bodies as BodyData, State as StateData, Twist};
 use crate::collision::Contact;
 use crate::stacking::Stack as StackData;
@@ -13,6 +16,7 @@ pyo3::import_exception!(gpx_lcp.errors, ProblemError);
 
 pub type Floats<'py> = PyReadonlyArray1<'py, f64>;
 pub type Table<'py> = PyReadonlyArray2<'py, f64>;
+type Pairs<'py> = PyReadonlyArray2<'py, u32>;
 
 /// Poses and velocities of the moving bodies at one instant.
 #[pyclass(frozen, module = "gpx_lcp._core")]
@@ -36,9 +40,9 @@ impl State {
     /// positions (moving, 3), orientations (moving, 4) as w, x, y, z, velocities (moving, 6).
     #[new]
     fn new(positions: Table<'_>, orientations: Table<'_>, velocities: Table<'_>) -> PyResult<Self> {
-        let positions = rows::<3>(&positions)?;
-        let orientations = rows::<4>(&orientations)?;
-        let velocities = rows::<6>(&velocities)?;
+        let positions = rows::<f64, 3>(&positions)?;
+        let orientations = rows::<f64, 4>(&orientations)?;
+        let velocities = rows::<f64, 6>(&velocities)?;
         same_length("orientations", orientations.len(), positions.len())?;
         same_length("velocities", velocities.len(), positions.len())?;
         let both = positions.iter().zip(&orientations);
@@ -74,6 +78,45 @@ impl State {
 
 #[pymethods]
 impl Contacts {
+    /// bodies (n, 2) and features (n, 2) as the core numbers them, points (n, 3), frames (n, 9), gaps (n,).
+    #[new]
+    fn from_arrays(
+        among: &Bodies,
+        bodies: Pairs<'_>,
+        features: Pairs<'_>,
+        points: Table<'_>,
+        frames: Table<'_>,
+        gaps: Floats<'_>,
+    ) -> PyResult<Self> {
+        let bodies = rows::<u32, 2>(&bodies)?;
+        let features = rows::<u32, 2>(&features)?;
+        let points = rows::<f64, 3>(&points)?;
+        let frames = rows::<f64, 9>(&frames)?;
+        let gaps = gaps.as_slice()?;
+        for (name, have) in [
+            ("features", features.len()),
+            ("points", points.len()),
+            ("frames", frames.len()),
+            ("gaps", gaps.len()),
+        ] {
+            same_length(name, have, bodies.len())?;
+        }
+        if let Some(pair) = bodies.iter().find(|pair| !among.0.may_touch(**pair)) {
+            return Err(ProblemError::new_err(format!(
+                "a contact is between the bodies {pair:?}: two of {} are needed, at least one of which moves",
+                among.0.len()
+            )));
+        }
+        let contacts = (0..bodies.len()).map(|k| Contact {
+            bodies: bodies[k],
+            features: features[k],
+            point: Vector::from_array(points[k]),
+            frame: std::array::from_fn(|r| Vector::from_slice(&frames[k][3 * r..])),
+            gap: gaps[k],
+        });
+        Ok(Self::new(&among.0, contacts.collect()))
+    }
+
     fn __len__(&self) -> usize {
         self.contacts.len()
     }
@@ -88,6 +131,13 @@ impl Contacts {
     #[getter]
     fn body_b<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i64>> {
         self.bodies(py, 1)
+    }
+
+    /// (n, 2), bodies a and b as the core numbers them: those that never move follow the moving ones.
+    #[getter]
+    fn pairs<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<u32>>> {
+        let all = self.contacts.iter().flat_map(|c| c.bodies).collect();
+        PyArray1::from_vec(py, all).reshape([self.contacts.len(), 2])
     }
 
     /// (n, 2): what touches on a and on b.
@@ -204,7 +254,9 @@ pub fn same_length(name: &str, have: usize, want: usize) -> PyResult<()> {
 }
 
 /// The rows of a C-ordered table of `N` columns.
-pub fn rows<const N: usize>(table: &Table<'_>) -> PyResult<Vec<[f64; N]>> {
+pub fn rows<T: Element + Copy, const N: usize>(
+    table: &PyReadonlyArray2<'_, T>,
+) -> PyResult<Vec<[T; N]>> {
     let (rows, rest) = table.as_slice()?.as_chunks::<N>();
     if table.as_array().ncols() != N || !rest.is_empty() {
         return Err(ProblemError::new_err(format!(

@@ -51,11 +51,11 @@ impl Bodies {
             })
             .collect::<PyResult<Vec<_>>>()?;
         let masses = masses.as_slice()?.to_vec();
-        let inertias: Vec<Matrix> = rows::<9>(&inertias)?
+        let inertias: Vec<Matrix> = rows::<f64, 9>(&inertias)?
             .iter()
             .map(Matrix::from_cols_array)
             .collect();
-        let fixed_poses: Vec<Pose> = rows::<7>(&fixed_poses)?.iter().map(pose).collect();
+        let fixed_poses: Vec<Pose> = rows::<f64, 7>(&fixed_poses)?.iter().map(pose).collect();
         same_length("masses", masses.len(), moving)?;
         same_length("inertias", inertias.len(), moving)?;
         same_length("materials", materials.len(), solids.len())?;
@@ -129,7 +129,7 @@ impl Bodies {
         previous: &Contacts,
         impulses: Table<'py>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let impulses = rows::<3>(&impulses)?;
+        let impulses = rows::<f64, 3>(&impulses)?;
         same_length("impulses", impulses.len(), previous.contacts.len())?;
         let (now, before) = (&contacts.contacts, &previous.contacts);
         let start = py.detach(|| collision::match_impulses(&self.0, now, before, &impulses));
@@ -194,7 +194,7 @@ impl Bodies {
 
 impl Bodies {
     pub fn twists(&self, name: &str, table: &Table<'_>) -> PyResult<Vec<Twist>> {
-        let twists = rows::<6>(table)?;
+        let twists = rows::<f64, 6>(table)?;
         same_length(name, twists.len(), self.0.moving)?;
         Ok(twists.iter().map(twist).collect())
     }

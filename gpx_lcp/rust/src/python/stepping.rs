@@ -11,7 +11,7 @@ use pyo3::types::PyDict;
 
 use super::exact::Wanted;
 use super::gauss_seidel::{Effort as SweepEffort, stop_name};
-use super::records::{Contacts, ProblemError, Stack, State, Table, table};
+use super::records::{Contacts, ProblemError, Stack, State, Table, same_length, table};
 use super::scene::{Bodies, detection_failed, layout};
 use crate::exact::Law;
 use crate::program::Program;
@@ -66,18 +66,19 @@ pub struct Step {
     unsolved: usize,
 }
 
-/// Take `count` steps from `state`; the impulses of `previous` start the first.
+/// Take `count` steps from `state`; the impulses of the step before, rows per contact, start the first.
 ///
 /// Returns the last whole step (None where there is none), the index of the body whose state is not finite after the
 /// next step, and any other error of that step.
 #[pyfunction]
-#[pyo3(signature = (bodies, state, previous, asked, count))]
+#[pyo3(signature = (bodies, state, contacts, impulse, asked, count))]
 #[allow(clippy::type_complexity)]
 pub fn take_steps(
     py: Python<'_>,
     bodies: &Bodies,
     state: &State,
-    previous: Option<&Step>,
+    contacts: Option<&Contacts>,
+    impulse: Table<'_>,
     asked: Asked<'_>,
     count: usize,
 ) -> PyResult<(Option<Step>, Option<usize>, Option<Py<PyBaseException>>)> {
@@ -91,7 +92,9 @@ pub fn take_steps(
         without_friction: effort(&asked.without_friction, asked.tolerance)?,
         warm_start: asked.warm_start,
     };
-    let loads = previous.map(|step| (step.contacts.get(), step.answer.impulse.as_slice()));
+    let impulse = impulse.as_slice()?;
+    let before = contacts.map_or(0, |contacts| contacts.contacts.len());
+    same_length("impulse", impulse.len(), before * asked.rows)?;
     let signals = Signals::new();
     let interrupted = || signals.seen();
     let (last, taken, unsolved, failure) = py.detach(|| {
@@ -107,7 +110,7 @@ pub fn take_steps(
             } else {
                 (
                     &state.0,
-                    loads.map(|(contacts, impulse)| (contacts.contacts.as_slice(), impulse)),
+                    contacts.map(|contacts| (contacts.contacts.as_slice(), impulse)),
                 )
             };
             let loads = from.map(|(contacts, impulse)| Loads { contacts, impulse });
