@@ -14,9 +14,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from formulations.checks import Array
 from gpx_lcp.errors import ProblemError
 from gpx_lcp.materials import Material
-from gpx_lcp.scene import Scene
+from gpx_lcp.scene import GRAVITY, Scene
 from gpx_lcp.shapes import Box, ConvexHull, Cylinder, HalfSpace, Sphere
 
 __all__ = [
@@ -31,6 +32,7 @@ __all__ = [
     "pyramid",
     "rolling_sphere",
     "sphere_pile",
+    "swinging_gravity",
     "table",
     "tower",
     "wall",
@@ -195,6 +197,15 @@ def sphere_pile(n: int, seed: int = 0, friction: float = 0.5) -> Scene:
         corner = np.array([0.5 * pitch - half, 0.5 * pitch - half, 0.55])
         scene.add_rigid(Sphere(0.5), 1.0, position=corner + pitch * cell + shifts[k], material=material)
     return scene
+
+
+def swinging_gravity(time: float, share: float = 0.5, frequency: float = 5.0) -> Array:
+    """Return gravity that swings about 9.81 m/s² along -z by a `share` of it, with `frequency` Hz.
+
+    Set before each step, `world.gravity = swinging_gravity(world.time)`, it makes the loads of a stack change while the
+    stack stands still: each is that of the gravity of its step, so that no solver can live off the step before.
+    """
+    return np.array(GRAVITY) * (1.0 + share * math.sin(2.0 * math.pi * frequency * time))
 
 
 def column(n: int) -> Scene:

@@ -143,7 +143,7 @@ class _Reader:
         time_step, last_time_step = self._numbers("time_steps", 2).tolist()
         if time_step <= 0 or last_time_step <= 0:
             raise ProblemError(
-                f"time_steps of the snapshot are {time_step:g} and {last_time_step:g}: both must be positive"
+                f"time_steps of the snapshot are {time_step:g}, {last_time_step:g}: both must be positive"
             )
         positions = self._numbers("positions", None, 3)
         n = len(positions)
