@@ -133,7 +133,7 @@ def test_bodies_are_moved_between_steps():
     world.orientations = [[1, 0, 0, 0]] * 2
     assert world.positions[:, 0] == pytest.approx([10, 13], abs=1e-6)
     world.step()
-    assert world.velocities[0] == pytest.approx(np.zeros(6), abs=1e-9)
+    assert world.velocities[0] == pytest.approx(np.zeros(6), abs=1e-8)
 
 
 def test_a_body_put_back_on_its_stack_rests_there_again():
