@@ -17,13 +17,14 @@ from benchmarks.drawing import (
     label_figure,
     log_axes,
     panel_grid,
+    pareto_front,
     save,
     swatch,
     title_panel,
 )
 from benchmarks.engines import OWN
 from benchmarks.rows import Row
-from benchmarks.style import INK, PALETTE, QUIET, SOLVERS, house_style
+from benchmarks.style import PALETTE, QUIET, SOLVERS, house_style
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,8 @@ class Axis:
 
     Parameters
     ----------
+    case : str
+        Which rows: "cold" or "stepped".
     measure : str
         Column of the rows.
     label : str
@@ -39,6 +42,7 @@ class Axis:
         Values outside are drawn on the edge: below the floor is rounding, above the ceiling nothing stands.
     """
 
+    case: str
     measure: str
     label: str
     floor: float
@@ -49,43 +53,51 @@ class Axis:
         return min(max(float(getattr(row, self.measure)), self.floor), self.ceiling)
 
 
-# At rest any engine's loads are right in the end, so the warm steps are told apart by how far the stack has moved.
+LOAD = "load error: worst |force across a cut / weight above it − 1|"
+
+# At rest any engine's loads are right in the end, so the settled steps are told apart by how far the stack has moved.
+# Where gravity swings, loads change in every step.
 AXES: Mapping[str, Axis] = {
-    "cold": Axis("load_error", "load error: worst |force across a cut / weight above it − 1|", 1e-15, 3.0),
-    "stepped": Axis("drift", "drift: farthest that a body has moved from its place, m", 1e-15, 3.0),
+    "cold": Axis("cold", "load_error", LOAD, 1e-15, 3.0),
+    "stepped": Axis("stepped", "drift", "drift: farthest that a body has moved from its place, m", 1e-15, 3.0),
+    "swinging": Axis("stepped", "load_error", LOAD, 1e-15, 3.0),
 }
 
 
 @dataclass(frozen=True)
 class Look:
-    """How one solver of one engine is drawn."""
+    """How a solver of gpx-lcp, or a peer, is drawn."""
 
     label: str
     colour: str
     marker: str = ""
-    dashed: bool = False
+    size: float = 8.5
 
 
-LOOKS: Mapping[tuple[str, str], Look] = {
-    **{(OWN, name): Look(name, colour) for name, colour in SOLVERS.items()},
-    ("pybullet", "SI"): Look("pybullet SI", PALETTE["vermillion"], "X", dashed=True),
-    ("pybullet", "MLCP-PGS"): Look("pybullet MLCP-PGS", PALETTE["vermillion"], "P", dashed=True),
-    ("pybullet", "SI (as shipped)"): Look("pybullet SI, as shipped", INK, "X"),
-    ("pybullet", "MLCP-Dantzig"): Look("pybullet MLCP-Dantzig", PALETTE["purple"], "*", dashed=True),
-}
+LOOKS: Mapping[str, Look] = {name: Look(name, colour) for name, colour in SOLVERS.items()}
 OTHER_BACKEND = Look("other QP backend", QUIET)
+
+# A marker of its own tells each peer also where colours do not.
+PEER_LOOKS: Mapping[str, Look] = {
+    "pybullet": Look("pybullet", PALETTE["vermillion"], "X", 10.0),
+    "mujoco": Look("mujoco", PALETTE["purple"], "*", 14.0),
+    "rapier": Look("rapier", PALETTE["black"], "P", 10.0),
+    "dart": Look("dart", PALETTE["orange"], "<", 10.0),
+    "drake": Look("drake", PALETTE["sky"], "h", 11.0),
+    "pinocchio": Look("pinocchio", PALETTE["blue"], ">", 10.0),
+}
 
 SHAPES: Mapping[str, str] = {"coulomb": "o", "cone": "^", "pyramid": "D", "box": "s", "normal": "v"}
 SHAPE_LABELS: Mapping[str, str] = {"normal": "normal: no friction,\nnot in the front"}
 
 
 def look_of(row: Row) -> Look:
-    """Return how the row's solver is drawn."""
-    return LOOKS.get((row.engine, row.solver), OTHER_BACKEND)
+    """Return how the row is drawn."""
+    return LOOKS.get(row.solver, OTHER_BACKEND) if row.engine == OWN else PEER_LOOKS[row.engine]
 
 
 def speed_accuracy(
-    rows: Sequence[Row], case: str, titles: Mapping[str, str], heading: str, footer: str, stem: Path
+    rows: Sequence[Row], axis: Axis, titles: Mapping[str, str], heading: str, footer: str, stem: Path
 ) -> list[Path]:
     """Draw step time against error, one panel per scene, and write stem.png and stem.svg.
 
@@ -93,8 +105,8 @@ def speed_accuracy(
     ----------
     rows : sequence of Row
         Rows without a measured step, of another case, or with fewer steps than the others are left out.
-    case : str
-        "cold" or "stepped": a key of `AXES`.
+    axis : Axis
+        One of `AXES`.
     titles : mapping
         Panel title of each scene, in the order of the panels.
     heading, footer : str
@@ -106,11 +118,8 @@ def speed_accuracy(
     -------
     The paths written; none when no row of this case was measured.
     """
-    axis = AXES[case]
-    drawn = [row for row in rows if row.case == case and row.measured]
     # A stack that was followed for a few steps only has had no time to drift.
-    wanted = max((row.steps for row in drawn), default=0)
-    drawn = [row for row in drawn if row.steps == wanted]
+    drawn = [row for row in rows if row.case == axis.case and row.measured and not row.cut_short]
     scenes = [scene for scene in titles if any(row.scene == scene for row in drawn)]
     if not scenes:
         return []
@@ -130,22 +139,38 @@ def speed_accuracy(
 
 def _panel(ax: Axes, rows: Sequence[Row], axis: Axis) -> None:
     draw_front(ax, ((float(row.step_ms or 0.0), axis.value(row)) for row in rows if not row.frictionless))
-    for line in dict.fromkeys(row.line for row in rows):
-        members = sorted((row for row in rows if row.line == line), key=lambda row: row.effort)
+    own = [row for row in rows if row.engine == OWN]
+    for line in dict.fromkeys(row.line for row in own):
+        members = sorted((row for row in own if row.line == line), key=lambda row: row.effort)
         look, hollow = look_of(members[0]), members[0].frictionless
         ax.plot(
             [float(row.step_ms or 0.0) for row in members],
             [axis.value(row) for row in members],
             color=look.colour,
-            marker=look.marker or SHAPES.get(members[0].formulation, "o"),
-            linestyle="--" if look.dashed else "-",
+            marker=SHAPES.get(members[0].formulation, "o"),
             markerfacecolor="white" if hollow else look.colour,
             markeredgecolor=look.colour if hollow else "white",
             markeredgewidth=1.4 if hollow else 0.8,
-            markersize=14 if look.marker == "*" else None,
             linewidth=0.9 if hollow else None,
             clip_on=False,
             zorder=3 if hollow else 4,
+        )
+    for engine, look in PEER_LOOKS.items():
+        # Of a peer, the settings that none of its others beats in both: a dozen settings would hide each other.
+        best = pareto_front((float(row.step_ms or 0.0), axis.value(row)) for row in rows if row.engine == engine)
+        if not best:
+            continue  # a line without points has no extent, which the layout cannot bear
+        ax.plot(
+            [time for time, _ in best],
+            [error for _, error in best],
+            color=look.colour,
+            marker=look.marker,
+            markersize=look.size,
+            linestyle="--",
+            markeredgecolor="white",
+            markeredgewidth=0.8,
+            clip_on=False,
+            zorder=5,
         )
     log_axes(ax)
     ax.set_ylim(axis.floor / 3, 3 * axis.ceiling)
@@ -154,14 +179,13 @@ def _panel(ax: Axes, rows: Sequence[Row], axis: Axis) -> None:
 def _legend(figure: matplotlib.figure.FigureBase, rows: Sequence[Row]) -> None:
     """Draw the legends beside the panels: colour says the solver, shape says the program it solves."""
     present = dict.fromkeys(look_of(row) for row in rows)
-    solvers = [look for look in [*LOOKS.values(), OTHER_BACKEND] if look in present]
-    own = [look for look in solvers if not look.marker]
-    peers = [look for look in solvers if look.marker]
-    shapes = [name for name in SHAPES if any(row.formulation == name and not look_of(row).marker for row in rows)]
+    own = [look for look in [*LOOKS.values(), OTHER_BACKEND] if look in present]
+    peers = [look for look in PEER_LOOKS.values() if look in present]
+    shapes = [name for name in SHAPES if any(row.formulation == name and row.engine == OWN for row in rows)]
     blocks = [
         ("gpx-lcp, by solver", [(swatch(look.colour), look.label) for look in own]),
         ("and by program", [(_shape(name), SHAPE_LABELS.get(name, name)) for name in shapes]),
-        ("peers", [(_peer(look), look.label) for look in peers]),
+        ("peers, their best settings", [(_peer(look), look.label) for look in peers]),
         ("", [front_entry()]),
     ]
     draw_legends(figure, blocks)
@@ -173,5 +197,6 @@ def _shape(name: str) -> Line2D:
 
 
 def _peer(look: Look) -> Line2D:
-    style = "--" if look.dashed else ""
-    return Line2D([], [], color=look.colour, marker=look.marker, linestyle=style, markeredgecolor="white")
+    return Line2D(
+        [], [], color=look.colour, marker=look.marker, markersize=look.size, linestyle="--", markeredgecolor="white"
+    )

@@ -67,18 +67,23 @@ def _add_suite(suites: Suites, name: str, summary: str) -> argparse.ArgumentPars
 
 def _add_stacks(suites: Suites) -> None:
     suite = _add_suite(suites, stacks.NAME, "resting stacks, by gpx-lcp and its peers, as simulations")
-    suite.add_argument("--scene", action="append", choices=list(stacks.SCENES), help="only this scene (repeatable)")
+    suite.add_argument(
+        "--scene",
+        action="append",
+        choices=list(stacks.SCENES),
+        help="only this scene (repeatable); the large ones run only where they are named",
+    )
     suite.add_argument(
         "--peer", action="append", choices=[*PEERS, "none"], help="only this peer; 'none' for gpx-lcp alone"
     )
     suite.add_argument(
-        "--repeats", type=_positive, metavar="N", help="fresh simulations per setting, interleaved (5; quick: 2)"
+        "--repeats", type=_positive, metavar="N", help="fresh simulations per setting, interleaved (3; quick: 2)"
     )
     suite.add_argument(
-        "--steps", type=_positive, metavar="N", help="warm steps after the cold first one (30; quick: 20)"
+        "--steps", type=_positive, metavar="N", help="warm steps after the cold first one (240; quick: 20)"
     )
     suite.add_argument(
-        "--time-limit", type=_seconds, metavar="S", help="per setting and scene, all repeats (0.7; quick: 0.3)"
+        "--time-limit", type=_seconds, metavar="S", help="per setting and scene, all repeats (1.5; quick: 0.3)"
     )
     suite.add_argument(
         "--picture", type=Path, metavar="PATH", help="also write the cold-start chart to PATH.png and PATH.svg"
@@ -140,13 +145,13 @@ def main(arguments: Sequence[str] | None = None, console: Console | None = None)
 
 def _run_stacks(asked: argparse.Namespace, console: Console) -> Results | None:
     request = Request(
-        scenes=tuple(asked.scene or (stacks.QUICK_SCENES if asked.quick else stacks.SCENES)),
+        scenes=tuple(asked.scene or (stacks.QUICK_SCENES if asked.quick else stacks.USUAL_SCENES)),
         solvers=_chosen(asked.solver),
         formulations=_chosen(asked.formulation),
         engines=_engines(asked.peer),
-        repeats=asked.repeats or (2 if asked.quick else 5),
-        steps=asked.steps or (20 if asked.quick else 30),
-        time_limit=asked.time_limit or (0.3 if asked.quick else 0.7),
+        repeats=asked.repeats or (2 if asked.quick else 3),
+        steps=asked.steps or (20 if asked.quick else 240),
+        time_limit=asked.time_limit or (0.3 if asked.quick else 1.5),
         quick=asked.quick,
         out=asked.out / stacks.NAME,
         picture=asked.picture,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -11,13 +11,13 @@ from rich.text import Text
 
 import gpx_lcp as gpx
 from benchmarks import machine, stacks
-from benchmarks.charts import speed_accuracy
+from benchmarks.charts import AXES, speed_accuracy
 from benchmarks.engines import ENGINES, OWN
 from benchmarks.fclib import problems
 from benchmarks.interface import Engine, Setting
 from benchmarks.pages import Pages
 from benchmarks.rates import Rate, measure_rates
-from benchmarks.report import new_table, rate_table, reach_table, scene_table
+from benchmarks.report import moving_table, new_table, rate_table, ratio_table, reach_table, scene_table
 from benchmarks.rows import Row, write_csv
 from benchmarks.runner import Plan, rows_not_run, run_scene
 
@@ -26,7 +26,8 @@ RATE_REPEATS = 7
 
 HEADINGS = {
     "cold": "Resting stacks, cold: the first step from touching rest",
-    "stepped": "Resting stacks, warm: the steps after the first, where time sufficed for all of them",
+    "stepped": "Resting stacks, settled: the last of the warm steps, where time sufficed for them",
+    "swinging": "Towers while gravity swings by half of itself, five times a second",
 }
 
 
@@ -84,7 +85,16 @@ def run_stacks(request: Request, console: Console) -> Results | None:
     results.rows += [row for engine in missing for row in _missing_rows(request.scenes, engine, results.where)]
     pages = Pages(console)
     _measure(request, installed, settings, results, pages)
-    pages.show(reach_table(_titles(request), results.rows))
+    charted, at_rest, moving = (
+        _titles(request, wanted)
+        for wanted in (lambda scene: scene.charted, lambda scene: scene.at_rest, lambda scene: not scene.at_rest)
+    )
+    if charted:
+        pages.show(reach_table(charted, results.rows))
+    if at_rest:
+        pages.show(ratio_table(at_rest, results.rows))
+    if moving:
+        pages.show(moving_table(moving, results.rows))
     if results.rates:
         pages.show(rate_table(results.rates))
         write_csv(request.out / "rates.csv", Rate, results.rates, results.where)
@@ -109,8 +119,9 @@ def _measure(
     """Fill `results` scene by scene, showing and writing each as it is done; Ctrl-C ends it early."""
     plan = Plan(stacks.TIME_STEP, request.repeats, request.steps, request.time_limit)
     scenes = {name: stacks.SCENES[name].make() for name in request.scenes}
+    runs = {name: [setting for setting in settings if stacks.SCENES[name].wants(setting)] for name in scenes}
     rate_scenes = [] if request.quick else [name for name in RATE_SCENES if name in scenes]
-    total = len(settings) * plan.repeats * len(scenes) + RATE_REPEATS * len(rate_scenes)
+    total = sum(map(len, runs.values())) * plan.repeats + RATE_REPEATS * len(rate_scenes)
     done = 0
 
     def keep(measured: Sequence[Row]) -> None:
@@ -120,10 +131,17 @@ def _measure(
     with pages.progress(total) as advance:
         try:
             for name, scene in scenes.items():
-                for measured in run_scene(name, scene, engines, settings, plan, advance):
+                kind = stacks.SCENES[name]
+                own_plan = replace(
+                    plan,
+                    time_limit=plan.time_limit * kind.patience,
+                    gravity=kind.gravity(),
+                    at_rest=kind.at_rest,
+                )
+                for measured in run_scene(name, scene, engines, runs[name], own_plan, advance):
                     done += 1
                     keep(measured)
-                    pages.show(scene_table(stacks.SCENES[name].title, measured))
+                    pages.show(scene_table(kind.title, measured))
             for name in rate_scenes:
                 results.rates += measure_rates(
                     name, scenes[name], engines, plan.time_step, RATE_REPEATS, request.wants, advance
@@ -131,25 +149,30 @@ def _measure(
         except KeyboardInterrupt:
             results.interrupted = True
             for name, scene in list(scenes.items())[done:]:
-                keep(rows_not_run(name, scene, engines, settings, plan))
+                keep(rows_not_run(name, scene, engines, runs[name], plan))
 
 
 def _draw(request: Request, results: Results, footer: str) -> list[Path]:
     """Draw a chart per case into the results, and the one for the README where it is asked for."""
-    targets = [(case, request.out / f"speed-accuracy-{case}") for case in HEADINGS]
+    targets = [(name, request.out / f"speed-accuracy-{name}") for name in AXES]
     if request.picture is not None:
         suffixed = request.picture.suffix in (".png", ".svg")
         targets.append(("cold", request.picture.with_suffix("") if suffixed else request.picture))
-    titles = _titles(request)
+    charted = _titles(request, lambda scene: scene.charted)
+    swinging = _titles(request, lambda scene: scene.swings)
     return [
         path
-        for case, stem in targets
-        for path in speed_accuracy(results.rows, case, titles, HEADINGS[case], footer, stem)
+        for name, stem in targets
+        for path in speed_accuracy(
+            results.rows, AXES[name], swinging if name == "swinging" else charted, HEADINGS[name], footer, stem
+        )
     ]
 
 
-def _titles(request: Request) -> dict[str, str]:
-    return {name: stacks.SCENES[name].title for name in request.scenes}
+def _titles(request: Request, wanted: Callable[[stacks.StackScene], bool]) -> dict[str, str]:
+    """Return the titles of the scenes asked for that are of a kind, by name."""
+    scenes = {name: stacks.SCENES[name] for name in request.scenes}
+    return {name: scene.title for name, scene in scenes.items() if wanted(scene)}
 
 
 def list_all(console: Console) -> None:

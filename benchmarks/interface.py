@@ -35,6 +35,8 @@ class Setting:
         The knob's value; settings of one line in a chart are joined in the order of effort.
     options : mapping
         What the adapter passes on to the engine.
+    first_step_only : bool
+        Whether there is nothing to follow: a solver without a simulation around it, or one that costs too much there.
     """
 
     engine: str
@@ -43,6 +45,7 @@ class Setting:
     label: str
     effort: float
     options: Mapping[str, Any] = field(default_factory=dict)
+    first_step_only: bool = False
 
     @property
     def line(self) -> tuple[str, str, str]:
@@ -123,6 +126,9 @@ class StepFacts:
 
 class Simulation(Protocol):
     """A scene inside an engine."""
+
+    def set_gravity(self, gravity: Array) -> None:
+        """Set the acceleration of free fall, (3,), m/s², for the steps to come."""
 
     def step(self) -> None:
         """Advance by one time step. This call, and nothing else, is timed."""

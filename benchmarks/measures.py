@@ -99,15 +99,19 @@ def cut_load_errors(bodies: Bodies, contacts: Contacts, time_step: float) -> Arr
     """
     up = -bodies.gravity / np.linalg.norm(bodies.gravity)
     layer = layers(bodies.start.position @ up)
-    cuts = np.arange(layer.max(initial=-1) + 1)
+    count = int(layer.max(initial=-1)) + 1
     # A static body lies below every cut.
     layer_a = np.where(contacts.body_a < 0, -1, layer[contacts.body_a])
     layer_b = np.where(contacts.body_b < 0, -1, layer[contacts.body_b])
     upward = contacts.impulse @ up / time_step
-    crosses_up = (layer_a[:, None] < cuts) & (layer_b[:, None] >= cuts)
-    crosses_down = (layer_b[:, None] < cuts) & (layer_a[:, None] >= cuts)
-    carried = upward @ crosses_up - upward @ crosses_down
-    weight = np.array([(bodies.mass[layer >= cut]).sum() for cut in cuts]) * np.linalg.norm(bodies.gravity)
+    # A contact between the layers a < b crosses the cuts a + 1 ... b, and the other way round where a > b: what it
+    # carries starts to count at one of its layers and stops at the other.
+    change = np.zeros(count + 1)
+    np.add.at(change, layer_a + 1, upward)
+    np.add.at(change, layer_b + 1, -upward)
+    carried = np.cumsum(change)[:count]
+    above = np.cumsum(np.bincount(layer, bodies.mass, minlength=count)[::-1])[::-1]
+    weight = above * np.linalg.norm(bodies.gravity)
     errors: Array = np.abs(carried / weight - 1.0)
     return np.where(np.isfinite(errors), errors, np.inf)
 

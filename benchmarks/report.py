@@ -8,14 +8,12 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
+from benchmarks import ratios
 from benchmarks.interface import scientific
 from benchmarks.rates import Rate
 from benchmarks.rows import Row
 
 BOUNDS = (1e-2, 1e-3, 1e-6, 1e-9)
-
-# A settled stack that sank or wandered further than this does not stand, whatever its loads are (m).
-PENETRATION_LIMIT, DRIFT_LIMIT = 1e-3, 1e-2
 
 
 def scene_table(title: str, rows: Sequence[Row]) -> Table:
@@ -38,8 +36,8 @@ def scene_table(title: str, rows: Sequence[Row]) -> Table:
             _error(cold.natural_map),
             _ms(stepped.step_ms),
             _error(stepped.load_error),
-            _micro(stepped.penetration, PENETRATION_LIMIT),
-            _micro(stepped.drift, DRIFT_LIMIT),
+            _micro(stepped.penetration, ratios.PENETRATION_LIMIT),
+            _micro(stepped.drift, ratios.DRIFT_LIMIT),
             _remark(cold, stepped),
         )
     return table
@@ -58,6 +56,38 @@ def reach_table(titles: Mapping[str, str], rows: Sequence[Row]) -> Table:
         for engine in dict.fromkeys(row.engine for row in here):
             cells = [_fastest([row for row in here if row.engine == engine], bound) for bound in BOUNDS]
             table.add_row(title, engine, *cells)
+    return table
+
+
+def ratio_table(titles: Mapping[str, str], rows: Sequence[Row]) -> Table:
+    """Return the fastest gpx-lcp against the fastest peer: settled steps by error bound, and the cold exact step."""
+    table = new_table(
+        "Fastest gpx-lcp / fastest peer, ms a step, settled, where loads and balance are right to the bound and "
+        "nothing drifts or overlaps by 1 mm; cold: our first step exact to 1e-10 / pybullet's with 50 sweeps"
+    )
+    table.add_column("scene", overflow="fold")
+    for bound in ratios.BOUNDS:
+        table.add_column(f"≤ {scientific(bound)}", overflow="fold")
+    table.add_column("cold", overflow="fold")
+    for scene, title in titles.items():
+        if not any(row.scene == scene and row.measured for row in rows):
+            continue
+        standing = [_ratio(ratios.standing(rows, scene, bound)) for bound in ratios.BOUNDS]
+        table.add_row(title, *standing, _ratio(ratios.cold(rows, scene)))
+    return table
+
+
+def moving_table(titles: Mapping[str, str], rows: Sequence[Row]) -> Table:
+    """Return, for scenes that move, our fastest step that is no less accurate than pybullet's with 50 sweeps."""
+    table = new_table(
+        "Fastest gpx-lcp no less accurate (natural map) than pybullet with 50 sweeps / pybullet, ms a step"
+    )
+    for column in ("scene", "ratio", "natural map, gpx-lcp", "pybullet"):
+        table.add_column(column)
+    for scene, title in titles.items():
+        ratio = ratios.moving(rows, scene)
+        maps = ["" if row is None else _error(row.natural_map) for row in (ratio.own, ratio.peer)]
+        table.add_row(title, _ratio(ratio), *maps)
     return table
 
 
@@ -98,6 +128,17 @@ def _fastest(rows: Sequence[Row], bound: float) -> str:
         return "never"
     best = min(reached, key=lambda row: float(row.step_ms or 0.0))
     return f"{_ms(best.step_ms)} {best.solver}"
+
+
+def _ratio(ratio: ratios.Ratio) -> Text:
+    """Return the quotient, then whose time over whose."""
+    own = "we do not" if ratio.own is None else f"{_ms(ratio.own.step_ms)} {ratio.own.solver}"
+    if ratio.peer is None:
+        late = f" ({ratio.unfinished} not in time)" if ratio.unfinished else ""
+        return Text(f"nobody{late}: {own}")
+    peer = f"{_ms(ratio.peer.step_ms)} {ratio.peer.engine} {ratio.peer.solver}"
+    value = ratio.value
+    return Text.assemble(("" if value is None else f"{value:.2f}  ", "bold"), f"{own} / {peer}")
 
 
 def _remark(cold: Row, stepped: Row) -> str:

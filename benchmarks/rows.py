@@ -21,10 +21,10 @@ class Row:
         The engine's own word for the worst step ("ran" where it reports none); or "missing", "refused" (the engine does
         not take this setting, by its own error), "error" (an unexpected exception), "interrupted". Only rows with
         `measured` hold measures.
-    steps : int
-        Steps made; fewer than asked where the time limit struck, and `message` says so.
+    steps, steps_asked : int
+        Steps made and asked for; fewer were made where the time limit struck, and `message` says so.
     step_ms : float
-        Median over repeats of each step's wall time, then the mean over the steps.
+        Median over repeats of each step's wall time, then the mean over the steps: the first one, or the settled ones.
     step_ms_low, step_ms_high : float
         The same from the fastest and the slowest repeat of each step.
     setup_ms, solve_ms : float
@@ -51,6 +51,7 @@ class Row:
     contacts: int | None = None
     repeats: int = 0
     steps: int = 0
+    steps_asked: int = 0
     step_ms: float | None = None
     step_ms_low: float | None = None
     step_ms_high: float | None = None
@@ -85,6 +86,11 @@ class Row:
     def measured(self) -> bool:
         """Whether the attempt came as far as a measured step."""
         return self.step_ms is not None
+
+    @property
+    def cut_short(self) -> bool:
+        """Whether the time limit ended the simulation before it was settled."""
+        return self.measured and self.steps < self.steps_asked
 
     @property
     def frictionless(self) -> bool:

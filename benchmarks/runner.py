@@ -19,6 +19,13 @@ from benchmarks.rows import Row
 
 CASES = ("cold", "stepped")
 
+# Of the settled steps, about so many are judged: reading and judging contacts takes longer than most steps.
+JUDGED = 12
+
+# After some warm steps and a share of its time, a simulation is given up when at the pace of its warm steps it would
+# take twice the time that is left: it would not end.
+GIVE_UP_STEPS, GIVE_UP_SHARE, GIVE_UP_EXCESS = 3, 0.1, 2.0
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -31,16 +38,35 @@ class Plan:
     repeats : int
         Fresh simulations of each setting, interleaved: every setting once, then every setting again.
     steps : int
-        Warm steps after the cold first one.
+        Warm steps after the cold first one. The last quarter of them are the settled ones, which are timed and judged
+        as the case "stepped"; a simulation that the time limit ends earlier is timed over all its warm steps.
     time_limit : float
         Wall time for all repeats of one setting on one scene, s. A simulation stops at the first step that ends beyond
-        it; a further repeat starts only when another like the last one would fit. The first step is always made.
+        it, and much earlier where it has no chance; a further repeat starts only when another like the last one would
+        fit. The first step is always made.
+    gravity : callable, optional
+        Acceleration of free fall, (3,), m/s², in the step that starts at a time, s; unless given, that of the scene.
+    at_rest : bool
+        Whether nothing should move. Where bodies move on their own, loads, balance and drift have no truth to be held
+        against, and only the certificate judges.
     """
 
     time_step: float
     repeats: int
     steps: int
     time_limit: float
+    gravity: Callable[[float], Array] | None = None
+    at_rest: bool = True
+
+    @property
+    def settled_from(self) -> int:
+        """The last step before the settled ones."""
+        return self.steps - max(1, self.steps // 4)
+
+    def judges(self, step: int) -> bool:
+        """Whether a step is judged."""
+        stride = max(1, (self.steps - self.settled_from) // JUDGED)
+        return step == 0 or (step > self.settled_from and (self.steps - step) % stride == 0)
 
 
 @dataclass
@@ -119,20 +145,26 @@ def _try_once(attempt: Attempt, scene: gpx.Scene, bodies: Bodies, engine: Engine
 
 
 def _simulate(trial: Trial, scene: gpx.Scene, bodies: Bodies, engine: Engine, attempt: Attempt, plan: Plan) -> None:
-    start = time.perf_counter()
     limit = plan.time_limit - attempt.spent
     measured = not attempt.trials
-    settled_from = plan.steps - plan.steps // 4
+    steps = 0 if attempt.setting.first_step_only else plan.steps
     with (
         closing(engine.simulate(scene, plan.time_step, attempt.setting, plan.time_limit)) as simulation,
         no_collection(),
     ):
-        for step in range(plan.steps + 1):
-            late = time.perf_counter() - start > limit
+        start = warm_start = time.perf_counter()
+        for step in range(steps + 1):
+            now = time.perf_counter()
+            warm_start = now if step == 1 else warm_start
+            late = now - start > limit or _hopeless(now - warm_start, step - 1, steps, limit - (now - start), limit)
             if late and step == 1:
                 break  # the cold step alone took all there was: no stepped case
-            last = late or step == plan.steps
-            judged = measured and (step == 0 or step > settled_from or last)
+            last = late or step == steps
+            if plan.gravity is not None:
+                gravity = plan.gravity(step * plan.time_step)
+                simulation.set_gravity(gravity)
+                bodies = replace(bodies, gravity=gravity)
+            judged = measured and (plan.judges(step) or last)
             before = simulation.motion() if judged else None
             tick = time.perf_counter()
             simulation.step()
@@ -148,6 +180,13 @@ def _simulate(trial: Trial, scene: gpx.Scene, bodies: Bodies, engine: Engine, at
                     trial.settled.append(judgement)
             if last and step > 0:
                 break
+
+
+def _hopeless(spent: float, made: int, steps: int, left: float, limit: float) -> bool:
+    """Whether `made` warm steps of `steps`, in `spent` seconds, show that `left` seconds will not do for the rest."""
+    if made < GIVE_UP_STEPS or spent < GIVE_UP_SHARE * limit:
+        return False
+    return spent / made * (steps - made) > GIVE_UP_EXCESS * left
 
 
 def failure(error: Exception) -> tuple[str, str]:
@@ -205,20 +244,26 @@ def _row(scene: str, bodies: Bodies, attempt: Attempt, engine: Engine, case: str
         message=attempt.message,
         measured_at=datetime.now(UTC).isoformat(timespec="seconds"),
     )
-    part = slice(0, 1) if case == "cold" else slice(1, None)
     first = attempt.trials[0] if attempt.trials else Trial()
+    made = max(0, len(first.seconds) - 1)
+    whole = made == plan.steps
+    part = slice(0, 1) if case == "cold" else slice(plan.settled_from + 1 if whole else 1, None)
     judgements = ([first.cold] if first.cold else []) if case == "cold" else first.settled
     if not judgements:
         if attempt.trials and not attempt.status:
+            if setting.first_step_only:
+                return replace(row, status="first step only", message="")
             return replace(row, status="time limit", message=f"the cold step alone took {plan.time_limit:g} s")
         return row
     worst = worst_of(judgements)
     timed = [trial.seconds[part] for trial in attempt.trials if trial.seconds[part]]
     facts = first.facts[part]
     middle, low, high = step_times(timed)
-    steps = len(first.seconds[part])
-    short = case == "stepped" and steps < plan.steps
-    limit_note = f"time limit: {steps} of {plan.steps} steps" if short else ""
+    short = case == "stepped" and not whole
+    limit_note = f"time limit: {made} of {plan.steps} steps" if short else ""
+    judged = worst.as_dict()
+    if not plan.at_rest:
+        judged |= dict.fromkeys(("load_error", "body_error", "drift"))
     return replace(
         row,
         status=_worst_status(facts) if not attempt.status else attempt.status,
@@ -227,14 +272,15 @@ def _row(scene: str, bodies: Bodies, attempt: Attempt, engine: Engine, case: str
         fallbacks=" ".join(dict.fromkeys(name for fact in facts for name in fact.fallbacks)),
         contacts=first.contacts[0] if case == "cold" else first.contacts[-1],
         repeats=len(timed),
-        steps=steps,
+        steps=1 if case == "cold" else made,
+        steps_asked=1 if case == "cold" else plan.steps,
         step_ms=1e3 * middle,
         step_ms_low=1e3 * low,
         step_ms_high=1e3 * high,
         setup_ms=_mean_ms([fact.setup_seconds for fact in facts]),
         solve_ms=_mean_ms([fact.solve_seconds for fact in facts]),
         iterations=_mean([fact.iterations for fact in facts]),
-        **worst.as_dict(),
+        **judged,
     )
 
 

@@ -4,12 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from benchmarks.engines.dart import Dart
+from benchmarks.engines.drake import Drake
 from benchmarks.engines.gpx import GpxLcp
+from benchmarks.engines.mujoco import MuJoCo
+from benchmarks.engines.pinocchio import Pinocchio
 from benchmarks.engines.pybullet import PyBullet
+from benchmarks.engines.rapier import Rapier
 from benchmarks.interface import Engine
 
 OWN = "gpx-lcp"
 
-ENGINES: Mapping[str, Engine] = {engine.name: engine for engine in (GpxLcp(), PyBullet())}
+ENGINES: Mapping[str, Engine] = {
+    engine.name: engine for engine in (GpxLcp(), PyBullet(), MuJoCo(), Rapier(), Dart(), Drake(), Pinocchio())
+}
 
 PEERS = tuple(name for name in ENGINES if name != OWN)

@@ -40,15 +40,11 @@ from typing import Any
 import numpy as np
 
 import gpx_lcp as gpx
-from benchmarks.bodies import rotation_matrices
+from benchmarks.engines.rebuild import box_of
 from benchmarks.interface import Array, Contacts, Motion, Setting, StepFacts, scientific
 from benchmarks.machine import version_of
 
 SOLVER_TYPES = {"SI": 1, "MLCP-PGS": 2, "MLCP-Dantzig": 3}
-
-# Half the side of the box that stands in for a plane, m: wide enough that no scene falls off, and not so wide that the
-# box-box test loses digits. Its half height is 1 m.
-GROUND_HALF_SIDE = 50.0
 
 # Quirks 3 to 7 and 10.
 FAIR = {
@@ -82,7 +78,7 @@ class PyBullet:
     def settings(self, quick: bool) -> Sequence[Setting]:
         """Return sweeps of sequential impulse and of MLCP-PGS, Dantzig by regularisation, and pybullet as shipped."""
         sweeps = (50, 1000) if quick else (10, 50, 200, 1000, 3000)
-        regularisations = (1e-9,) if quick else (1e-6, 1e-9, 1e-12, 1e-15)
+        regularisations = (1e-9,) if quick else (1e-9, 1e-12, 1e-15)
         settings = [self._setting("SI", f"{count} sweeps", count, count, FAIR) for count in sweeps]
         # Dantzig pivots; its sweeps are those of the fallback.
         settings += [
@@ -144,6 +140,10 @@ class PyBulletSimulation:
         self._body = {self._add(body): body for body in (*scene.fixed, *scene.bodies)}
         self._count = len(scene.bodies)
 
+    def set_gravity(self, gravity: Array) -> None:
+        """Set the acceleration of free fall for the next steps."""
+        self._api.setGravity(*gravity, physicsClientId=self._server)
+
     def step(self) -> None:
         """Advance by one time step."""
         self._api.stepSimulation(physicsClientId=self._server)
@@ -197,14 +197,16 @@ class PyBulletSimulation:
         """Add a body; return Bullet's number for it."""
         api, server = self._api, self._server
         _require_what_bullet_has(body)
-        if isinstance(body.shape, gpx.HalfSpace):
-            half_sides, position, orientation = _ground(body)
+        if isinstance(body.shape, gpx.Sphere):
+            position, orientation = body.position, body.orientation
+            shape = api.createCollisionShape(api.GEOM_SPHERE, radius=body.shape.radius, physicsClientId=server)
         else:
-            half_sides, position, orientation = body.shape.numbers(), body.position, body.orientation
+            half_sides, position, orientation = box_of(body)
+            shape = api.createCollisionShape(api.GEOM_BOX, halfExtents=half_sides, physicsClientId=server)
         w, x, y, z = orientation
         unique = api.createMultiBody(
             0.0 if body.index < 0 else body.mass,
-            api.createCollisionShape(api.GEOM_BOX, halfExtents=half_sides, physicsClientId=server),
+            shape,
             -1,
             position,
             (x, y, z, w),
@@ -236,24 +238,14 @@ class PyBulletSimulation:
 
 def _require_what_bullet_has(body: gpx.Body) -> None:
     """Raise SettingsError for a body that this adapter cannot rebuild without changing the problem."""
-    if not isinstance(body.shape, gpx.Box | gpx.HalfSpace):
-        raise gpx.SettingsError(f"{body.name} is a {type(body.shape).__name__}: only boxes and half-spaces are rebuilt")
+    if not isinstance(body.shape, gpx.Box | gpx.Sphere | gpx.HalfSpace):
+        kind = type(body.shape).__name__
+        raise gpx.SettingsError(f"{body.name} is a {kind}: only boxes, spheres and half-spaces are rebuilt")
     if body.material.friction_rule != "geometric_mean":
         raise gpx.SettingsError(
             f"{body.name} combines friction by {body.material.friction_rule}: Bullet has the product alone, "
             "which square roots make the geometric mean"
         )
-
-
-def _ground(body: gpx.Body) -> tuple[Sequence[float], Array, Array]:
-    """Return half sides, position and orientation of the box whose top stands in for a half-space."""
-    half_sides = (GROUND_HALF_SIDE, GROUND_HALF_SIDE, 1.0)
-    normal = rotation_matrices(body.orientation[None])[0] @ np.array(body.shape.numbers())
-    # The turn from +z to the normal: the half-way quaternion (1 + z · n, z x n), or any half turn where n = -z.
-    turn = np.array([1.0 + normal[2], -normal[1], normal[0], 0.0])
-    length = float(np.linalg.norm(turn))
-    orientation = turn / length if length > 0.0 else np.array([0.0, 1.0, 0.0, 0.0])
-    return half_sides, body.position - normal, orientation
 
 
 def _first_step_of_fallback(scene: gpx.Scene, time_step: float, setting: Setting) -> Array:

@@ -48,7 +48,7 @@ def test_settings_are_told_apart_by_their_labels(name):
     for quick in (True, False):
         settings = engine.settings(quick)
         assert len({(s.line, s.label) for s in settings}) == len(settings) > 0
-    assert len(engine.settings(True)) < len(engine.settings(False))
+    assert len(engine.settings(True)) <= len(engine.settings(False))
 
 
 def test_gpx_carries_the_weight_and_its_impulses_explain_its_motion():
@@ -109,13 +109,13 @@ def test_pybullet_ground_is_turned_to_the_slope():
 @needs_pybullet
 def test_pybullet_refuses_what_it_would_silently_change():
     shapes = gpx.Scene()
-    shapes.add_rigid(gpx.Sphere(0.5), 1.0, name="ball")
+    shapes.add_rigid(gpx.Cylinder(0.5, 1.0), 1.0, name="roll")
     rules = gpx.Scene()
     rules.add_rigid(gpx.Box(1, 1, 1), 1.0, material=gpx.Material(friction_rule="minimum"), name="brick")
     inertia = gpx.Scene()
     inertia.add_rigid(gpx.Box(1, 1, 1), 1.0, inertia=(1.0, 1.0, 1.0), name="shell")
     for scene, text in (
-        (shapes, "ball is a Sphere"),
+        (shapes, "roll is a Cylinder"),
         (rules, "brick combines friction"),
         (inertia, "inertia of shell"),
     ):

@@ -77,9 +77,62 @@ def test_a_quiet_engine_gives_a_cold_and_a_stepped_row():
     assert engine.made == len(told) == PLAN.repeats
     assert (cold.steps, stepped.steps, cold.repeats) == (1, 8, 3)
     assert cold.load_error == 1.0
-    assert (cold.iterations, stepped.iterations) == (1.0, 5.5)
+    assert (cold.iterations, stepped.iterations) == (1.0, 8.5)  # of the last quarter: two steps
     assert cold.step_ms_low <= cold.step_ms <= cold.step_ms_high
     assert cold.status == "ran"
+
+
+def test_about_a_dozen_of_the_settled_steps_are_judged_and_the_last_is_one_of_them():
+    for steps in (1, 8, 20, 240, 1000):
+        plan = Plan(1 / 240, 1, steps, 1.0)
+        judged = [step for step in range(steps + 1) if plan.judges(step)]
+        assert judged[0] == 0 and judged[-1] == steps
+        assert all(step > plan.settled_from for step in judged[1:])
+        assert len(judged) - 1 <= 23
+
+
+def test_a_setting_for_the_first_step_alone_is_not_followed():
+    setting = Setting("still", "none", "box", "as is", 1.0, first_step_only=True)
+    engine = Still()
+    cold, stepped = next(run_scene("s", gpx.scenes.tower(1), {"still": engine}, [setting], PLAN, lambda text: None))
+    assert (cold.status, cold.repeats, cold.steps) == ("ran", 3, 1)
+    assert (stepped.status, stepped.measured) == ("first step only", False)
+
+
+def test_gravity_of_the_plan_reaches_the_engine_and_the_measures(monkeypatch):
+    told = []
+    monkeypatch.setattr(StillSimulation, "set_gravity", lambda self, g: told.append(g[2]), raising=False)
+    plan = Plan(0.5, 1, 2, 30.0, gravity=lambda time: np.array([0.0, 0.0, -1.0 - time]))
+    scene = gpx.scenes.tower(1)
+    rows = next(run_scene("s", scene, {"still": Still()}, [Setting("still", "", "", "", 0.0)], plan, lambda text: None))
+    assert told == [-1.0, -1.5, -2.0]
+    # A body that stays put without any force lacks the impulse of the gravity of its own step: 1 g dt, whatever g is.
+    assert [row.unexplained for row in rows] == pytest.approx([1.0, 1.0])
+
+
+def test_where_bodies_move_only_the_certificate_judges():
+    plan = Plan(1 / 240, 1, 4, 30.0, at_rest=False)
+    scene = gpx.scenes.tower(1)
+    rows = next(run_scene("s", scene, {"still": Still()}, [Setting("still", "", "", "", 0.0)], plan, lambda text: None))
+    for row in rows:
+        assert row.load_error is row.body_error is row.drift is None
+        assert row.natural_map is not None and row.measured
+
+
+def test_a_simulation_without_hope_is_given_up_early(monkeypatch):
+    # A clock that moves by 1 s a step, against 100 s for 1000 steps.
+    now = [0.0]
+    monkeypatch.setattr("benchmarks.runner.time.perf_counter", lambda: now[0])
+
+    def on_step(step):
+        now[0] += 1.0
+
+    (_, stepped), _ = run({"still": Still(on_step)}, Plan(1 / 240, repeats=1, steps=1000, time_limit=100.0))
+    assert stepped.cut_short and stepped.steps_asked == 1000
+    assert 3 <= stepped.steps <= 12
+    assert f"time limit: {stepped.steps} of 1000 steps" in stepped.message
+    (_, stepped), _ = run({"still": Still(on_step)}, Plan(1 / 240, repeats=1, steps=90, time_limit=100.0))
+    assert not stepped.cut_short and stepped.steps == 90
 
 
 def test_an_engine_that_breaks_is_a_row_and_the_others_go_on():

@@ -1,0 +1,106 @@
+"""gpx-lcp against the fastest peer of the same run, at equal measured error.
+
+A setting meets a bound on a scene when, in every judged step, the load across each interface and the balance of each
+body are right to the bound, nothing has drifted by 1 mm, and nothing overlaps by 1 mm. gpx-lcp is held to the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from benchmarks.engines import OWN
+from benchmarks.rows import Row
+
+BOUNDS = (1e-2, 1e-4, 1e-8)
+COLD_BOUND = 1e-10
+
+# m; what sank or wandered further does not stand, whatever its loads are.
+PENETRATION_LIMIT, DRIFT_LIMIT = 1e-3, 1e-3
+
+# What a cold exact step and a step of a pile are held against: pybullet as it is usually run.
+USUAL_PEER, USUAL_SOLVER, USUAL_SETTING = "pybullet", "SI", "50 sweeps"
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """The fastest of gpx-lcp beside the fastest of its peers.
+
+    Parameters
+    ----------
+    own, peer : Row or None
+        None where no setting meets the bound.
+    unfinished : int
+        How many of the peers' settings that might have met it were stopped by the time limit.
+    """
+
+    own: Row | None
+    peer: Row | None
+    unfinished: int = 0
+
+    @property
+    def value(self) -> float | None:
+        """Own time over the peer's; None unless both meet the bound."""
+        if self.own is None or self.peer is None:
+            return None
+        return _ms(self.own) / _ms(self.peer)
+
+
+def standing(rows: Sequence[Row], scene: str, bound: float) -> Ratio:
+    """Return the ratio of the settled steps of a scene at a bound."""
+    here = _ranked(rows, scene, "stepped")
+
+    def meets(row: Row) -> bool:
+        return not row.cut_short and _error(row) <= bound and _stands(row)
+
+    return Ratio(
+        _fastest(here, lambda row: row.engine == OWN and meets(row)),
+        _fastest(here, lambda row: row.engine != OWN and meets(row)),
+        sum(row.engine != OWN and row.cut_short for row in here),
+    )
+
+
+def cold(rows: Sequence[Row], scene: str) -> Ratio:
+    """Return the ratio of our exact first step (1e-10) to pybullet's with its usual 50 sweeps, whatever its error."""
+    here = _ranked(rows, scene, "cold")
+    return Ratio(_fastest(here, lambda row: row.engine == OWN and _error(row) <= COLD_BOUND), _fastest(here, _usual))
+
+
+def moving(rows: Sequence[Row], scene: str) -> Ratio:
+    """Return the ratio of our fastest step that is no less accurate than pybullet's usual one, by the certificate."""
+    here = [row for row in _ranked(rows, scene, "stepped") if not row.cut_short]
+    usual = _fastest(here, _usual)
+    bound = 0.0 if usual is None or usual.natural_map is None else usual.natural_map
+    own = _fastest(here, lambda row: row.engine == OWN and row.natural_map is not None and row.natural_map <= bound)
+    return Ratio(own, usual)
+
+
+def _ranked(rows: Sequence[Row], scene: str, case: str) -> list[Row]:
+    return [row for row in rows if row.scene == scene and row.case == case and row.measured and not row.frictionless]
+
+
+def _usual(row: Row) -> bool:
+    return (row.engine, row.solver, row.setting) == (USUAL_PEER, USUAL_SOLVER, USUAL_SETTING)
+
+
+def _error(row: Row) -> float:
+    errors = (row.load_error, row.body_error)
+    return max(float("inf") if error is None else error for error in errors)
+
+
+def _stands(row: Row) -> bool:
+    return (
+        row.penetration is not None
+        and row.drift is not None
+        and row.penetration < PENETRATION_LIMIT
+        and row.drift < DRIFT_LIMIT
+    )
+
+
+def _fastest(rows: Sequence[Row], wanted: Callable[[Row], bool]) -> Row | None:
+    return min(filter(wanted, rows), key=_ms, default=None)
+
+
+def _ms(row: Row) -> float:
+    assert row.step_ms is not None  # _ranked takes measured rows only
+    return row.step_ms
