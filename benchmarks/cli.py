@@ -1,9 +1,9 @@
-"""The command line: `python -m benchmarks list`, `run stacks` and `run fclib`."""
+"""The command line, `python -m benchmarks VERB`: arguments, and which verb does what."""
 
 from __future__ import annotations
 
 import argparse
-import math
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TypeAlias
@@ -12,25 +12,19 @@ from rich.console import Console
 from rich.text import Text
 
 import gpx_lcp as gpx
-from benchmarks import stacks
+from benchmarks import stacks, store
+from benchmarks.arguments import positive, seconds
 from benchmarks.command import Request, Results, list_all, run_stacks
 from benchmarks.engines import ENGINES, PEERS
-from benchmarks.fclib import suite as fclib
-from benchmarks.fclib.attempts import Plan
-from benchmarks.fclib.baseline import read_baseline
-from benchmarks.interface import scientific
+from benchmarks.exit_codes import FAILED, INTERRUPTED, OK, REFUSED, USAGE
+from benchmarks.exit_codes import TEXT as EXIT_CODES
+from benchmarks.suites import SUITES
+from benchmarks.verbs.run import run
 
 Suites: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 
-# What the exit codes mean; they are part of the interface and shown by --help.
-OK, FAILED, USAGE, REFUSED, INTERRUPTED = 0, 1, 2, 3, 130
-
-EXIT_CODES = """exit codes:
-  0    every attempt was made (a missing peer is listed, and is no failure)
-  1    an attempt ended in an error, or a file cannot be read; its row says which
-  2    the command was not understood, or names a folder, file or problem that is not there
-  3    refused: the core is a debug build, or nothing that was asked for is installed
-  130  stopped by Ctrl-C; what was measured so far is written"""
+# With --resume, the arguments that may differ from those of the run that is gone on with.
+NOT_KEPT = ("resume", "out")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -48,7 +42,19 @@ def parser() -> argparse.ArgumentParser:
     )
     suites = run.add_subparsers(dest="suite", required=True, metavar="SUITE")
     _add_stacks(suites)
-    _add_fclib(suites)
+    for name, row in SUITES.items():
+        suite = suites.add_parser(
+            name, help=row.summary, epilog=EXIT_CODES, formatter_class=argparse.RawDescriptionHelpFormatter
+        )
+        row.add_arguments(suite)
+        suite.add_argument(
+            "--out", type=Path, default=Path("results"), metavar="DIR", help=f"results go to DIR/{name} (results)"
+        )
+        suite.add_argument(
+            "--resume",
+            action="store_true",
+            help="go on with the run in DIR, with what it was asked: only attempts without a finished row are made",
+        )
     return top
 
 
@@ -77,13 +83,13 @@ def _add_stacks(suites: Suites) -> None:
         "--peer", action="append", choices=[*PEERS, "none"], help="only this peer; 'none' for gpx-lcp alone"
     )
     suite.add_argument(
-        "--repeats", type=_positive, metavar="N", help="fresh simulations per setting, interleaved (3; quick: 2)"
+        "--repeats", type=positive, metavar="N", help="fresh simulations per setting, interleaved (3; quick: 2)"
     )
     suite.add_argument(
-        "--steps", type=_positive, metavar="N", help="warm steps after the cold first one (240; quick: 20)"
+        "--steps", type=positive, metavar="N", help="warm steps after the cold first one (240; quick: 20)"
     )
     suite.add_argument(
-        "--time-limit", type=_seconds, metavar="S", help="per setting and scene, all repeats (1.5; quick: 0.3)"
+        "--time-limit", type=seconds, metavar="S", help="per setting and scene, all repeats (1.5; quick: 0.3)"
     )
     suite.add_argument(
         "--picture", type=Path, metavar="PATH", help="also write the cold-start chart to PATH.png and PATH.svg"
@@ -91,36 +97,10 @@ def _add_stacks(suites: Suites) -> None:
     suite.add_argument("--quick", action="store_true", help="few scenes and settings, to see that everything works")
 
 
-def _add_fclib(suites: Suites) -> None:
-    suite = _add_suite(suites, fclib.NAME, "FCLIB problem files, by every solver at several tolerances")
-    suite.add_argument(
-        "--data", type=Path, metavar="FOLDER", help="problems: every *.hdf5 below it (without: problems of our own)"
-    )
-    suite.add_argument(
-        "--problem", action="append", metavar="NAME", help="only this problem; * and ? are wildcards (may be repeated)"
-    )
-    suite.add_argument(
-        "--tolerance",
-        action="append",
-        type=_tolerance,
-        metavar="T",
-        help=f"only this tolerance ({_listed(fclib.TOLERANCES)}; quick: {_listed(fclib.QUICK_TOLERANCES)})",
-    )
-    suite.add_argument("--repeats", type=_positive, metavar="N", help="solutions per attempt (5; quick: 3)")
-    suite.add_argument("--time-limit", type=_seconds, metavar="S", help="for one solution (20; quick: 2)")
-    suite.add_argument(
-        "--baseline", type=Path, metavar="FILE", help="JSON of another library's times, drawn as peers (dashed)"
-    )
-    suite.add_argument("--quick", action="store_true", help="the smallest problem of each family, and few tolerances")
-
-
-def _listed(tolerances: Sequence[float]) -> str:
-    return ", ".join(map(scientific, tolerances))
-
-
 def main(arguments: Sequence[str] | None = None, console: Console | None = None) -> int:
     """Run the command and return its exit code."""
-    asked = parser().parse_args(arguments)
+    given = sys.argv[1:] if arguments is None else list(arguments)
+    asked = parser().parse_args(given)
     console = console or _console()
     if asked.verb == "list":
         list_all(console)
@@ -132,7 +112,9 @@ def main(arguments: Sequence[str] | None = None, console: Console | None = None)
         )
         return REFUSED
     try:
-        results = _run_fclib(asked, console) if asked.suite == fclib.NAME else _run_stacks(asked, console)
+        if asked.suite in SUITES:
+            return run(SUITES[asked.suite], _resumed(asked), given, console)
+        results = _run_stacks(asked, console)
     except gpx.SettingsError as error:
         console.print(Text.assemble(("not understood: ", "bold red"), str(error)))
         return USAGE
@@ -159,23 +141,25 @@ def _run_stacks(asked: argparse.Namespace, console: Console) -> Results | None:
     return run_stacks(request, console)
 
 
-def _run_fclib(asked: argparse.Namespace, console: Console) -> fclib.Results | None:
-    usual = fclib.QUICK_TOLERANCES if asked.quick else fclib.TOLERANCES
-    request = fclib.Request(
-        data=asked.data,
-        solvers=asked.solver,
-        formulations=asked.formulation,
-        problems=asked.problem,
-        baseline=read_baseline(asked.baseline) if asked.baseline else None,
-        plan=Plan(
-            tolerances=tuple(dict.fromkeys(asked.tolerance or usual)),
-            repeats=asked.repeats or (3 if asked.quick else 5),
-            time_limit=asked.time_limit or (2.0 if asked.quick else 20.0),
-        ),
-        quick=asked.quick,
-        out=asked.out / fclib.NAME,
-    )
-    return fclib.run_fclib(request, console)
+def _resumed(asked: argparse.Namespace) -> argparse.Namespace:
+    """Return the arguments to run with: with --resume, those of the run that is gone on with.
+
+    Raises
+    ------
+    SettingsError
+        When there is no such run, or an argument differs from what it was asked.
+    """
+    if not asked.resume:
+        return asked
+    kept = parser().parse_args(store.read_asked(asked.out / asked.suite)["arguments"])
+    plain = parser().parse_args(["run", asked.suite])
+    for name, value in vars(asked).items():
+        if name not in NOT_KEPT and value not in (getattr(plain, name), getattr(kept, name)):
+            option = "--" + name.replace("_", "-")
+            raise gpx.SettingsError(f"--resume goes on with what the run was asked: leave out {option}, or start anew")
+    for name in NOT_KEPT:
+        setattr(kept, name, getattr(asked, name))
+    return kept
 
 
 def _console() -> Console:
@@ -192,25 +176,3 @@ def _engines(peers: Sequence[str] | None) -> tuple[str, ...]:
     """Return the engines to run: gpx-lcp always, and the peers asked for."""
     wanted = set(PEERS if peers is None else peers)
     return tuple(name for name in ENGINES if name not in PEERS or name in wanted)
-
-
-def _positive(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{text} is not a whole number above zero")
-    return value
-
-
-def _seconds(text: str) -> float:
-    return _above_zero(text, "time")
-
-
-def _tolerance(text: str) -> float:
-    return _above_zero(text, "tolerance")
-
-
-def _above_zero(text: str, what: str) -> float:
-    value = float(text)
-    if not 0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"{text} is not a {what} above zero")
-    return value

@@ -13,13 +13,13 @@ import gpx_lcp as gpx
 from benchmarks import machine, stacks
 from benchmarks.charts import AXES, speed_accuracy
 from benchmarks.engines import ENGINES, OWN
-from benchmarks.fclib import problems
 from benchmarks.interface import Engine, Setting
 from benchmarks.pages import Pages
 from benchmarks.rates import Rate, measure_rates
 from benchmarks.report import moving_table, new_table, rate_table, ratio_table, reach_table, scene_table
 from benchmarks.rows import Row, write_csv
 from benchmarks.runner import Plan, rows_not_run, run_scene
+from benchmarks.suites import SUITES
 
 RATE_SCENES = ("tower-30", "wall-10")
 RATE_REPEATS = 7
@@ -183,12 +183,13 @@ def list_all(console: Console) -> None:
     for name, scene in stacks.SCENES.items():
         scenes.add_row(name, scene.title)
     console.print(scenes)
-    console.print(
-        "[bold]Suite fclib[/]\n"
-        "problem files of the FCLIB format below --data FOLDER, by every solver and tolerance; without it, our own: "
-        + ", ".join(problems.SCENES)
-        + ", each at rest and shaken. The solver 'automatic' is gpx.solve with none named\n"
-    )
+    for suite in SUITES.values():
+        table = new_table(f"Suite {suite.name}: {suite.summary}")
+        table.add_column("scene")
+        table.add_column("what it is")
+        for name, text in suite.scenes().items():
+            table.add_row(name, text)
+        console.print(table)
     engines = new_table("Engines")
     for column in ("engine", "installed", "solvers", "how it is run, or how to get it"):
         engines.add_column(column)

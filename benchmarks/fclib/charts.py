@@ -28,7 +28,7 @@ from benchmarks.drawing import (
     swatch,
     title_panel,
 )
-from benchmarks.fclib.attempts import AUTOMATIC, Line
+from benchmarks.fclib.batches import AUTOMATIC, Line
 from benchmarks.fclib.profiles import performance_ratios, profile
 from benchmarks.fclib.scores import Scores, Subject
 from benchmarks.interface import Array, scientific
@@ -228,8 +228,8 @@ def accuracy_chart(scores: Scores, footer: str, stem: Path) -> list[Path]:
 def _draw_accuracy(ax: Axes, scores: Scores, subject: Subject, own: Mapping[str, str]) -> None:
     points: list[tuple[float, float]] = []
     for line in scores.lines:
-        rows = [scores.attempt(subject.name, line, tolerance) for tolerance in scores.tolerances]
-        rows = [row for row in rows if row.solve_seconds is not None and row.natural_map is not None]
+        tried = (scores.attempt(subject.name, line, tolerance) for tolerance in scores.tolerances)
+        rows = [row for row in tried if row and row.solve_seconds is not None and row.natural_map is not None]
         x = [1e3 * (row.solve_seconds or 0.0) for row in rows]
         y = [_inside(row.natural_map or 0.0) for row in rows]
         points += zip(x, y, strict=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -20,19 +20,29 @@ RANK_TOLERANCE = 1e-7
 
 # Largest random speed of a body in the shaken scenes, m/s and rad/s.
 SHAKE = 1.0
+SHAKEN = "Shaken"
 
 
 @dataclass(frozen=True)
 class ProblemFile:
-    """A file and the name it goes by: its stem, or its path below the folder where another file has the same stem."""
+    """A file and the name it goes by: its stem, or its path below the folder where another file has the same stem.
+
+    Parameters
+    ----------
+    path : Path or None
+        None for a problem of our own, made from its name.
+    size : int
+        Bytes of the file; of our own, the place in the list.
+    """
 
     name: str
-    path: Path
+    path: Path | None
+    size: int
 
     @property
     def family(self) -> str:
         """The leading letters of the file's name, "Capsules" of Capsules-i100-1090; the whole name without any."""
-        stem = self.path.stem
+        stem = self.path.stem if self.path else self.name
         letters = re.match(r"[^\W\d_]+", stem)
         return letters.group() if letters else stem
 
@@ -51,18 +61,23 @@ def find(folder: Path) -> list[ProblemFile]:
     if not paths:
         raise gpx.SettingsError(f"--data is {folder}: it holds no *.hdf5 file")
     stems = Counter(path.stem for path in paths)
-    return sorted(
-        (
-            ProblemFile(path.stem if stems[path.stem] == 1 else str(path.relative_to(folder).with_suffix("")), path)
-            for path in paths
-        ),
-        key=lambda problem: problem.name,
-    )
+
+    def name(path: Path) -> str:
+        return path.stem if stems[path.stem] == 1 else str(path.relative_to(folder).with_suffix(""))
+
+    files = [ProblemFile(name(path), path, path.stat().st_size) for path in paths]
+    return sorted(files, key=lambda problem: problem.name)
+
+
+def own_problems() -> list[ProblemFile]:
+    """Return the suite's own: each scene at rest, and again as Shaken...: its bodies with random velocities."""
+    names = [f"{shake}{name}" for shake in ("", SHAKEN) for name in SCENES]
+    return [ProblemFile(name, None, place) for place, name in enumerate(names)]
 
 
 def smallest_of_each_family(problems: Sequence[ProblemFile]) -> list[ProblemFile]:
-    """Return the smallest file of each family."""
-    by_size = sorted(problems, key=lambda problem: (problem.path.stat().st_size, problem.name))
+    """Return the smallest problem of each family."""
+    by_size = sorted(problems, key=lambda problem: (problem.size, problem.name))
     chosen = {problem.family: problem for problem in reversed(by_size)}
     return sorted(chosen.values(), key=lambda problem: problem.name)
 
@@ -89,12 +104,10 @@ SCENES: Mapping[str, Callable[[], gpx.Scene]] = {
 }
 
 
-def own_systems() -> Iterator[tuple[str, gpx.StackedSystem]]:
-    """Yield each scene of the suite's own at rest, and again as Shaken...: its bodies with random velocities."""
-    for seed, (name, scene) in enumerate(SCENES.items()):
-        system = gpx.World(scene(), time_step=1 / 240).system()
-        yield name, system
-        yield f"Shaken{name}", shaken(system, seed)
+def own_system(name: str, seed: int) -> gpx.StackedSystem:
+    """Return a problem of our own by its name; the seed is that of the velocities of a Shaken one."""
+    system = gpx.World(SCENES[name.removeprefix(SHAKEN)](), time_step=1 / 240).system()
+    return shaken(system, seed) if name.startswith(SHAKEN) else system
 
 
 def shaken(system: gpx.StackedSystem, seed: int) -> gpx.StackedSystem:
@@ -102,9 +115,3 @@ def shaken(system: gpx.StackedSystem, seed: int) -> gpx.StackedSystem:
     assert system.jacobian is not None  # a World always gives it
     velocity = np.random.default_rng(seed).uniform(-SHAKE, SHAKE, system.jacobian.shape[1])
     return gpx.StackedSystem(system.A, system.B - system.jacobian @ velocity, system.friction)
-
-
-def write_own(folder: Path) -> None:
-    """Write the suite's own problems as FCLIB files."""
-    for name, system in own_systems():
-        gpx.write_fclib(folder / f"{name}.hdf5", system)

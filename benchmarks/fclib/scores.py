@@ -7,9 +7,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import inf, isfinite
 
-from benchmarks.fclib.attempts import INTERRUPTED, UNREADABLE, Attempt, Line
+from benchmarks.attempts import INTERRUPTED, UNREADABLE
 from benchmarks.fclib.baseline import Baseline
+from benchmarks.fclib.batches import Line
 from benchmarks.fclib.profiles import geometric_mean
+from benchmarks.records import Record
 
 # From here on a problem counts in the means of ratios: below, both sides measure a call rather than a method.
 LARGE = 20
@@ -26,32 +28,54 @@ class Subject:
     rank_ratio: float | None
 
 
+def name_of(record: Record) -> str:
+    """Return the problem's name, with the seed where it is not the usual one."""
+    return f"{record.scene} #{record.seed}" if record.seed else record.scene
+
+
+def line_of(record: Record) -> Line:
+    """Return who tried."""
+    return Line(record.solver, record.formulation)
+
+
+def _subject(name: str, record: Record) -> Subject:
+    return Subject(
+        name,
+        str(record.figures.get("family", "")),
+        int(record.figure("dimension") or 0),
+        record.contacts or 0,
+        record.figure("rank_ratio"),
+    )
+
+
 @dataclass(frozen=True)
 class Scores:
     """The rows of a run, looked up. Problems that Ctrl-C left unfinished and files that cannot be read are left out."""
 
-    attempts: Sequence[Attempt]
+    records: Sequence[Record]
     baseline: Baseline | None
 
     @cached_property
     def subjects(self) -> list[Subject]:
         """The problems, in the order in which they were run."""
-        left_out = {a.problem for a in self.attempts if a.status in (INTERRUPTED, UNREADABLE)}
-        first = {a.problem: a for a in reversed(self.attempts) if a.problem not in left_out}
-        return [
-            Subject(a.problem, a.family, a.dimension or 0, a.contacts or 0, a.rank_ratio)
-            for a in reversed(first.values())
-        ]
+        left_out = {name_of(r) for r in self.records if r.status in (INTERRUPTED, UNREADABLE)}
+        found: dict[str, Subject] = {}
+        for record in self.records:
+            name = name_of(record)
+            # An attempt that ended in an error knows nothing of the problem.
+            if name not in left_out and (name not in found or not found[name].dimension):
+                found[name] = _subject(name, record)
+        return list(found.values())
 
     @cached_property
     def lines(self) -> list[Line]:
         """Who tried."""
-        return list(dict.fromkeys(a.line for a in self.attempts if a.status != UNREADABLE))
+        return list(dict.fromkeys(map(line_of, self.records)))
 
     @cached_property
     def tolerances(self) -> list[float]:
         """The tolerances, from loose to tight."""
-        return sorted({a.tolerance for a in self.attempts if a.status != UNREADABLE}, reverse=True)
+        return sorted({r.tolerance for r in self.records if r.tolerance is not None}, reverse=True)
 
     @property
     def reference(self) -> float:
@@ -59,29 +83,39 @@ class Scores:
         return 1e-8 if 1e-8 in self.tolerances else self.tolerances[-1]
 
     @cached_property
-    def _by_key(self) -> dict[tuple[str, Line, float], Attempt]:
-        return {(a.problem, a.line, a.tolerance): a for a in self.attempts}
+    def time_limit(self) -> float:
+        """What a failure is charged, s."""
+        return max((r.figure("time_limit") or 0.0 for r in self.records), default=0.0)
 
-    def attempt(self, problem: str, line: Line, tolerance: float) -> Attempt:
-        """Return one row."""
-        return self._by_key[problem, line, tolerance]
+    @cached_property
+    def _by_key(self) -> dict[tuple[str, Line, float | None], Record]:
+        return {(name_of(r), line_of(r), r.tolerance): r for r in self.records}
+
+    def attempt(self, problem: str, line: Line, tolerance: float) -> Record | None:
+        """Return one row; None where it was not tried."""
+        return self._by_key.get((problem, line, tolerance))
+
+    def attempts(self, problem: str, tolerance: float) -> list[Record]:
+        """Return the rows of every line."""
+        rows = (self.attempt(problem, line, tolerance) for line in self.lines)
+        return [row for row in rows if row is not None]
 
     def seconds(self, problem: str, line: Line, tolerance: float, setup: bool = False) -> float:
         """Return the time to the tolerance, infinite where it was not reached; with `setup`, that of posing, too."""
         attempt = self.attempt(problem, line, tolerance)
-        if not attempt.reached or attempt.solve_seconds is None:
+        if attempt is None or not attempt.reached or attempt.solve_seconds is None:
             return inf
         return attempt.solve_seconds + ((attempt.setup_seconds or 0.0) if setup else 0.0)
 
-    def fastest(self, problem: str, tolerance: float) -> Attempt | None:
+    def fastest(self, problem: str, tolerance: float) -> Record | None:
         """Return the row of the fastest line that reached the tolerance, or None."""
-        reached = [a for line in self.lines if (a := self.attempt(problem, line, tolerance)).reached]
-        return min(reached, key=lambda a: a.solve_seconds or inf, default=None)
+        reached = [row for row in self.attempts(problem, tolerance) if row.reached]
+        return min(reached, key=lambda row: row.solve_seconds or inf, default=None)
 
-    def nearest(self, problem: str, tolerance: float) -> Attempt | None:
+    def nearest(self, problem: str, tolerance: float) -> Record | None:
         """Return the row with the smallest natural map, or None where every attempt broke down."""
-        known = [a for line in self.lines if (a := self.attempt(problem, line, tolerance)).natural_map is not None]
-        return min(known, key=lambda a: a.natural_map or 0.0, default=None)
+        known = [row for row in self.attempts(problem, tolerance) if row.natural_map is not None]
+        return min(known, key=lambda row: row.natural_map or 0.0, default=None)
 
     def peers_at(self, tolerance: float) -> Baseline | None:
         """Return the baseline where it measures this tolerance."""
@@ -128,6 +162,5 @@ def against_baseline(
             continue
         own = min(scores.seconds(subject.name, x, tolerance, setup) for x in ([line] if line else scores.lines))
         solved += isfinite(own)
-        limit = scores.attempt(subject.name, line or scores.lines[0], tolerance).time_limit
-        ratios.append(min(own, limit) / peer)
+        ratios.append(min(own, scores.time_limit) / peer)
     return Against(geometric_mean(ratios) if ratios else None, solved, len(ratios))

@@ -1,196 +1,151 @@
-"""`run fclib`: find the problems, try every solver on each, and print, write and draw what came out."""
+"""The suite `fclib`: which problems and solvers, and the tables and charts of what came out."""
 
 from __future__ import annotations
 
-import tempfile
+import argparse
+import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from datetime import UTC, datetime
-from fnmatch import fnmatchcase
 from pathlib import Path
 
-from rich.console import Console
+from rich.table import Table
 from rich.text import Text
 
 import gpx_lcp as gpx
-from benchmarks import machine
-from benchmarks.fclib.attempts import AUTOMATIC, UNREADABLE, Attempt, Line, Plan, rows_not_run, run_problem
-from benchmarks.fclib.baseline import Baseline
+from benchmarks.arguments import add_effort, add_filters, add_seed, add_tolerance, chosen
+from benchmarks.fclib.baseline import read_baseline
+from benchmarks.fclib.batches import AUTOMATIC, NAME, Line, ProblemBatch, problem_batch
 from benchmarks.fclib.charts import accuracy_chart, profile_chart
-from benchmarks.fclib.problems import ProblemFile, find, smallest_of_each_family, write_own
+from benchmarks.fclib.problems import SHAKEN, find, own_problems, smallest_of_each_family
 from benchmarks.fclib.scores import Scores
 from benchmarks.fclib.tables import problem_table, ratio_table, remarks, solver_table
 from benchmarks.interface import scientific
-from benchmarks.pages import Pages
-from benchmarks.rows import write_csv
-
-NAME = "fclib"
+from benchmarks.records import Record
 
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
 QUICK_TOLERANCES = (1e-4, 1e-8)
+REPEATS, QUICK_REPEATS = 5, 3
+TIME_LIMIT, QUICK_TIME_LIMIT = 20.0, 2.0
 
 # The exact law. Programs that approximate it solve another problem, so they run only where they are named.
 FORMULATIONS = ("coulomb",)
 
-NOT_SHOWN = (
-    "What this does not show: warm starts, which is how a simulation meets such problems; systems that carry their "
-    "Jacobian and masses, on which some solvers are faster (a file holds A alone); several threads; other machines. "
-    "Times are solve_seconds, without set-up and without Python, which are columns of rows.csv; on a shared machine "
-    "they are good to 20-30 %. Solvers stop at their own limit of iterations, too. A problem that nobody solved stays "
-    "in every share, and one problem can carry a mean of ratios: read it by family. 'automatic' is gpx.solve with "
-    "no solver named. A family is the leading letters of a file's name."
-)
+# Where the results keep a copy of --baseline, for `plot` and `report`.
+BASELINE = "baseline"
+
 OWN_PROBLEMS = (
-    "No --data was given: these are problems of our own, cubes and bricks at rest and with random velocities "
-    "(Shaken...), written as FCLIB files and read back. They are no substitute for the collection."
+    "These are problems of our own, cubes and bricks at rest and with random velocities (Shaken...), written as FCLIB "
+    "files and read back. They are no substitute for the collection, which --data names."
 )
 
 
-@dataclass(frozen=True)
-class Request:
-    """What the command line asked for.
+class Fclib:
+    """The row of the suite in the table."""
 
-    Parameters
-    ----------
-    data : Path or None
-        None stands for the suite's own problems.
-    solvers, formulations : sequences of str or None
-        None stands for every solver, and for the exact law.
-    problems : sequence of str or None
-        Names, which may hold the wildcards * and ?; None stands for all.
-    """
-
-    data: Path | None
-    solvers: Sequence[str] | None
-    formulations: Sequence[str] | None
-    problems: Sequence[str] | None
-    baseline: Baseline | None
-    plan: Plan
-    quick: bool
-    out: Path
-
-    def lines(self) -> list[Line]:
-        """Return who is to be run: for each formulation gpx.solve's own choice, and each installed solver of it."""
-        lines: list[Line] = []
-        for formulation in dict.fromkeys(self.formulations or FORMULATIONS):
-            able = [row.name for row in gpx.solvers().values() if row.installed and formulation in row.programs]
-            lines += [Line(name, formulation) for name in ([AUTOMATIC, *able] if able else [])]
-        return [line for line in lines if self.solvers is None or line.solver in self.solvers]
-
-    def choose(self, files: Sequence[ProblemFile]) -> list[ProblemFile]:
-        """Return the problems that were asked for.
-
-        Raises
-        ------
-        SettingsError
-            When a name fits none.
-        """
-        if self.problems is None:
-            return smallest_of_each_family(files) if self.quick else list(files)
-        for pattern in self.problems:
-            if not any(fnmatchcase(file.name, pattern) for file in files):
-                raise gpx.SettingsError(f"--problem is {pattern}: there is none of that name among {len(files)} files")
-        return [file for file in files if any(fnmatchcase(file.name, pattern) for pattern in self.problems)]
-
-
-@dataclass
-class Results:
-    """What a run has measured so far, and the columns that say where."""
-
-    where: Mapping[str, str]
-    rows: list[Attempt] = field(default_factory=list)
-    interrupted: bool = False
-
-    @property
-    def errors(self) -> int:
-        """How many rows ended in an error, or in a file that cannot be read."""
-        return sum(row.status in ("error", UNREADABLE) for row in self.rows)
-
-
-def run_fclib(request: Request, console: Console) -> Results | None:
-    """Run the suite; write rows, tables and charts to `request.out`, also when Ctrl-C cuts it short.
-
-    Returns None, and says so, when no solver that was asked for can run.
-
-    Raises
-    ------
-    SettingsError
-        When there is no such folder, file or problem.
-    """
-    lines = request.lines()
-    if not lines:
-        console.print("[red]nothing to run:[/] no installed solver has such a name and formulation; see `list`.")
-        return None
-    where = {**machine.describe(), "measured_at": datetime.now(UTC).isoformat(timespec="seconds")}
-    results, pages = Results(where), Pages(console)
-    with tempfile.TemporaryDirectory(prefix="fclib-") as folder:
-        if request.data is None:
-            pages.show(Text(OWN_PROBLEMS, style="yellow"))
-            write_own(Path(folder))
-        problems = request.choose(find(request.data or Path(folder)))
-        _measure(request, problems, lines, results, pages)
-    footer = _footer(request, results)
-    written = [request.out / "rows.csv", request.out / "tables.txt"]
-    scores = Scores(results.rows, request.baseline)
-    if scores.subjects:
-        _show_tables(scores, pages)
-        written += _draw(scores, footer, request.out)
-    for remark in remarks(results.rows):
-        pages.show(Text(remark, style="yellow"))
-    for text in (footer, NOT_SHOWN):
-        pages.show(Text(text, style="dim"))
-    pages.write(request.out / "tables.txt")
-    console.print("written: " + ", ".join(str(path) for path in written))
-    if results.interrupted:
-        console.print("[yellow]stopped by Ctrl-C: rows that were not measured say so.[/]")
-    return results
-
-
-def _measure(
-    request: Request, problems: Sequence[ProblemFile], lines: Sequence[Line], results: Results, pages: Pages
-) -> None:
-    """Fill `results` problem by problem, writing each as it is done; Ctrl-C ends it early."""
-    plan = request.plan
-    done = 0
-
-    def keep(rows: Sequence[Attempt]) -> None:
-        nonlocal done
-        done += 1
-        results.rows += rows
-        write_csv(request.out / "rows.csv", Attempt, results.rows, results.where)
-
-    with pages.progress(len(problems) * len(lines) * len(plan.tolerances) * plan.repeats) as advance:
-        try:
-            for problem in problems:
-                run_problem(problem, lines, plan, advance, keep)
-        except KeyboardInterrupt:
-            results.interrupted = True
-            keep(rows_not_run(problems[done:], lines, plan))
-
-
-def _show_tables(scores: Scores, pages: Pages) -> None:
-    pages.show(problem_table(scores))
-    pages.show(solver_table(scores))
-    ratios = ratio_table(scores) if scores.baseline else None
-    if ratios is not None:
-        pages.show(ratios)
-
-
-def _draw(scores: Scores, footer: str, out: Path) -> list[Path]:
-    paths = accuracy_chart(scores, footer, out / "speed-accuracy")
-    for tolerance in scores.tolerances:
-        paths += profile_chart(scores, tolerance, footer, out / f"profile-{scientific(tolerance)}")
-    return paths
-
-
-def _footer(request: Request, results: Results) -> str:
-    """Return versions, processor and limits of the run, and where the peers' times come from."""
-    line = machine.version_line(
-        results.where, "cold starts", f"time limit {request.plan.time_limit:g} s", "success judged by the certificate"
+    name = NAME
+    summary = "FCLIB problem files, by every solver at several tolerances"
+    not_shown = (
+        "What this does not show: warm starts, which is how a simulation meets such problems; systems that carry their "
+        "Jacobian and masses, on which some solvers are faster (a file holds A alone); several threads; other "
+        "machines. Times are solve_seconds, without set-up and without Python, which are columns of the rows; on a "
+        "shared machine they are good to 20-30 %. Solvers stop at their own limit of iterations, too. A problem that "
+        "nobody solved stays in every share, and one problem can carry a mean of ratios: read it by family. "
+        "'automatic' is gpx.solve with no solver named. A family is the leading letters of a file's name."
     )
-    if request.baseline is None:
-        return line
+
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
+        """Add the suite's arguments."""
+        add_filters(parser)
+        parser.add_argument(
+            "--data", type=Path, metavar="FOLDER", help="problems: every *.hdf5 below it (without: problems of our own)"
+        )
+        add_tolerance(parser, TOLERANCES, QUICK_TOLERANCES)
+        add_effort(parser, (REPEATS, QUICK_REPEATS), (TIME_LIMIT, QUICK_TIME_LIMIT))
+        add_seed(parser)
+        parser.add_argument(
+            "--baseline", type=Path, metavar="FILE", help="JSON of another library's times, drawn as peers (dashed)"
+        )
+
+    def scenes(self) -> Mapping[str, str]:
+        """Return the problems of our own."""
+        return {
+            problem.name: "with random velocities" if problem.name.startswith(SHAKEN) else "at rest"
+            for problem in own_problems()
+        }
+
+    def batches(self, asked: argparse.Namespace, folder: Path) -> Sequence[ProblemBatch]:
+        """Return a batch for each problem."""
+        if asked.baseline is not None:
+            read_baseline(asked.baseline)  # what is wrong with it is said now, not after the run
+            (folder / BASELINE).mkdir(parents=True, exist_ok=True)
+            shutil.copy(asked.baseline, folder / BASELINE)
+        problems = find(asked.data) if asked.data else own_problems()
+        names = chosen([problem.name for problem in problems], asked.scene)
+        problems = [problem for problem in problems if problem.name in names]
+        if asked.quick and asked.scene is None:
+            problems = smallest_of_each_family(problems)
+        lines = lines_of(asked.solver, asked.formulation)
+        usual = QUICK_TOLERANCES if asked.quick else TOLERANCES
+        tolerances = tuple(dict.fromkeys(asked.tolerance or usual))
+        repeats = asked.repeats or (QUICK_REPEATS if asked.quick else REPEATS)
+        limit = asked.time_limit or (QUICK_TIME_LIMIT if asked.quick else TIME_LIMIT)
+        seeds = tuple(dict.fromkeys(asked.seed or (0,)))
+        return [
+            problem_batch(problem, seed, lines, tolerances, repeats, limit)
+            for problem in problems
+            # Only the shaken ones of our own are random.
+            for seed in (seeds if problem.path is None and problem.name.startswith(SHAKEN) else (0,))
+            if lines
+        ]
+
+    def batch_tables(self, records: Sequence[Record]) -> Sequence[Table]:
+        """Return nothing: a problem is one line of the table at the end."""
+        return ()
+
+    def tables(self, records: Sequence[Record], folder: Path) -> Sequence[Table | Text]:
+        """Return the tables of problems, solvers and ratios, and what was unusual."""
+        scores = _scores(records, folder)
+        shown: list[Table | Text] = []
+        if scores.subjects:
+            shown += [problem_table(scores), solver_table(scores)]
+            ratios = ratio_table(scores) if scores.baseline else None
+            shown += [ratios] if ratios else []
+        shown += [Text(remark, style="yellow") for remark in remarks(records)]
+        if any(record.scene in self.scenes() for record in records):
+            shown.append(Text(OWN_PROBLEMS, style="yellow"))
+        if scores.baseline:
+            shown.append(Text(_of_baseline(scores.baseline.name), style="dim"))
+        return shown
+
+    def draw(self, records: Sequence[Record], folder: Path, footer: str) -> Sequence[Path]:
+        """Draw time against accuracy, and a performance profile at each tolerance."""
+        scores = _scores(records, folder)
+        if not scores.subjects:
+            return []
+        footer = f"{footer}, cold starts, time limit {scores.time_limit:g} s, success judged by the certificate"
+        if scores.baseline:
+            footer += f"\n{_of_baseline(scores.baseline.name)}"
+        paths = accuracy_chart(scores, footer, folder / "speed-accuracy")
+        for tolerance in scores.tolerances:
+            paths += profile_chart(scores, tolerance, footer, folder / f"profile-{scientific(tolerance)}")
+        return paths
+
+
+def lines_of(solvers: Sequence[str] | None, formulations: Sequence[str] | None) -> list[Line]:
+    """Return who is to be run: for each formulation gpx.solve's own choice, and each installed solver of it."""
+    lines: list[Line] = []
+    for formulation in dict.fromkeys(formulations or FORMULATIONS):
+        able = [row.name for row in gpx.solvers().values() if row.installed and formulation in row.programs]
+        lines += [Line(name, formulation) for name in ([AUTOMATIC, *able] if able else [])]
+    return [line for line in lines if solvers is None or line.solver in solvers]
+
+
+def _scores(records: Sequence[Record], folder: Path) -> Scores:
+    kept = sorted((folder / BASELINE).glob("*"))
+    return Scores(records, read_baseline(kept[0]) if kept else None)
+
+
+def _of_baseline(name: str) -> str:
     return (
-        f"{line}\nDashed: {request.baseline.name}, at the tolerances that it asked for. Its times come from another "
-        "run, and perhaps another machine; its success is judged by the natural map that the file states."
+        f"Dashed: {name}, at the tolerances that it asked for. Its times come from another run, and perhaps another "
+        "machine; its success is judged by the natural map that the file states."
     )

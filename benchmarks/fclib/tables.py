@@ -8,10 +8,12 @@ from math import isfinite
 from rich.table import Table
 from rich.text import Text
 
-from benchmarks.fclib.attempts import UNREADABLE, Attempt, Line
+from benchmarks.attempts import ERROR, REFUSED, UNREADABLE
+from benchmarks.fclib.batches import Line
 from benchmarks.fclib.profiles import shifted_mean
-from benchmarks.fclib.scores import LARGE, Scores, Subject, against_baseline
+from benchmarks.fclib.scores import LARGE, Scores, Subject, against_baseline, line_of, name_of
 from benchmarks.interface import scientific
+from benchmarks.records import Record
 from benchmarks.report import new_table
 
 # Added to every time before the geometric mean, s: what a call costs anyway should not decide.
@@ -35,7 +37,9 @@ def problem_table(scores: Scores) -> Table:
             subject.name,
             f"{subject.contacts}{' (2-D)' if subject.dimension == 2 else ''}",
             "" if subject.rank_ratio is None else f"{subject.rank_ratio:.2f}",
-            Text(best.line.label) if best else Text(f"none (nearest {shown.line.label})" if shown else "none", "red"),
+            Text(line_of(best).label)
+            if best
+            else Text(f"none (nearest {line_of(shown).label})" if shown else "none", "red"),
             _ms(best.solve_seconds if best else None),
             _ms(best.setup_seconds if best else None),
             "" if shown is None or shown.natural_map is None else f"{shown.natural_map:.1e}",
@@ -46,7 +50,7 @@ def problem_table(scores: Scores) -> Table:
     return table
 
 
-def _peer_cells(scores: Scores, subject: Subject, best: Attempt | None) -> list[str]:
+def _peer_cells(scores: Scores, subject: Subject, best: Record | None) -> list[str]:
     peer = scores.peer(subject.name, scores.reference)
     if peer is None:
         return ["", ""]
@@ -74,8 +78,7 @@ def solver_table(scores: Scores) -> Table:
         for tolerance in scores.tolerances:
             group = [line] if line else scores.lines
             times = [min(scores.seconds(name, x, tolerance) for x in group) for name in names]
-            limits = [scores.attempt(name, group[0], tolerance).time_limit for name in names]
-            cells += _share(times, limits)
+            cells += _share(times, scores.time_limit)
         table.add_row(label, *cells)
     if scores.baseline:
         cells = []
@@ -87,10 +90,10 @@ def solver_table(scores: Scores) -> Table:
     return table
 
 
-def _share(times: Sequence[float], limits: Sequence[float]) -> list[str]:
+def _share(times: Sequence[float], limit: float) -> list[str]:
     if not times:
         return ["", ""]
-    charged = [min(seconds, limit) for seconds, limit in zip(times, limits, strict=True)]
+    charged = [min(seconds, limit) for seconds in times]
     return [_count(sum(map(isfinite, times)), len(times)), _ms(shifted_mean(charged, SHIFT))]
 
 
@@ -131,14 +134,18 @@ def ratio_table(scores: Scores) -> Table | None:
     return table
 
 
-def remarks(attempts: Sequence[Attempt]) -> list[str]:
+def remarks(records: Sequence[Record]) -> list[str]:
     """Return a sentence for each file that cannot be read and each kind of error or refusal."""
-    found = [f"{a.problem} cannot be read: {a.message}" for a in attempts if a.status == UNREADABLE]
-    kinds = dict.fromkeys((a.line.label, a.status, a.message) for a in attempts if a.status in ("error", "refused"))
-    for label, status, message in kinds:
-        where = [a.problem for a in attempts if (a.line.label, a.status, a.message) == (label, status, message)]
-        more = f" and {len(set(where)) - 1} more" if len(set(where)) > 1 else ""
-        found.append(f"{label}: {status} on {where[0]}{more}: {message}")
+    unreadable = {name_of(r): r.message for r in records if r.status == UNREADABLE}
+    found = [f"{name} cannot be read: {message}" for name, message in unreadable.items()]
+    kinds: dict[tuple[str, str, str], dict[str, None]] = {}
+    for record in records:
+        if record.status in (ERROR, REFUSED):
+            kind = (line_of(record).label, record.status, record.message)
+            kinds.setdefault(kind, {})[name_of(record)] = None
+    for (label, status, message), where in kinds.items():
+        more = f" and {len(where) - 1} more" if len(where) > 1 else ""
+        found.append(f"{label}: {status} on {next(iter(where))}{more}: {message}")
     return found
 
 

@@ -7,7 +7,7 @@ import pytest
 from rich.console import Console
 
 import gpx_lcp as gpx
-from benchmarks import cli, stacks
+from benchmarks import cli, exit_codes, stacks
 from benchmarks.engines.pybullet import PyBullet
 
 
@@ -29,7 +29,7 @@ SMALL = ("--solver", "pgs", "--formulation", "coulomb", "--steps", "4", "--quick
 
 def test_list_names_scenes_engines_and_solvers():
     code, text = call("list")
-    assert code == cli.OK
+    assert code == exit_codes.OK
     for name in (*stacks.SCENES, "gpx-lcp", "pybullet (peer)", "pgs", "osqp", "coulomb"):
         assert name in text
 
@@ -45,7 +45,7 @@ def test_run_writes_rows_tables_charts_and_the_picture(tmp_path):
     picture = tmp_path / "docs" / "speed-accuracy"
     # A limit that no busy machine reaches: what is asserted here is not how fast it is.
     code, text, rows = run(tmp_path, *SMALL, "--time-limit", "60", "--peer", "none", "--picture", str(picture))
-    assert code == cli.OK
+    assert code == exit_codes.OK
     assert {row["case"] for row in rows} == {"cold", "stepped"}
     for row in rows:
         assert (row["engine"], row["solver"], row["formulation"]) == ("gpx-lcp", "pgs", "coulomb")
@@ -63,7 +63,7 @@ def test_run_writes_rows_tables_charts_and_the_picture(tmp_path):
 def test_a_missing_peer_is_listed_and_the_run_goes_on(tmp_path, monkeypatch):
     monkeypatch.setattr(PyBullet, "version", lambda self: "")
     code, text, rows = run(tmp_path, *SMALL)
-    assert code == cli.OK
+    assert code == exit_codes.OK
     assert "pybullet is missing" in text and "pip install pybullet==3.2.7" in text
     (missing,) = [row for row in rows if row["engine"] == "pybullet"]
     assert missing["status"] == "missing" and "CPython 3.11" in missing["message"]
@@ -73,14 +73,14 @@ def test_a_missing_peer_is_listed_and_the_run_goes_on(tmp_path, monkeypatch):
 def test_a_debug_build_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(gpx, "BUILD_PROFILE", "debug")
     code, text, rows = run(tmp_path, *SMALL)
-    assert code == cli.REFUSED
+    assert code == exit_codes.REFUSED
     assert "debug build" in text and "make setup" in text
     assert not rows
 
 
 def test_nothing_to_run_is_refused(tmp_path):
     code, text, rows = run(tmp_path, "--solver", "bogus")
-    assert code == cli.REFUSED
+    assert code == exit_codes.REFUSED
     assert "nothing to run" in text
     assert not rows
 
@@ -91,7 +91,7 @@ def test_ctrl_c_keeps_the_rows_and_says_so(tmp_path, monkeypatch):
 
     monkeypatch.setattr(gpx.World, "step", interrupted)
     code, text, rows = run(tmp_path, *SMALL, "--scene", "wall-5", "--peer", "none")
-    assert code == cli.INTERRUPTED
+    assert code == exit_codes.INTERRUPTED
     assert "stopped by Ctrl-C" in text
     assert {(row["scene"], row["status"]) for row in rows} == {("tower-5", "interrupted"), ("wall-5", "interrupted")}
 
@@ -102,7 +102,7 @@ def test_an_error_in_an_engine_is_the_exit_code(tmp_path, monkeypatch):
 
     monkeypatch.setattr(gpx.World, "step", broken)
     code, text, rows = run(tmp_path, *SMALL, "--peer", "none")
-    assert code == cli.FAILED
+    assert code == exit_codes.FAILED
     assert {row["status"] for row in rows} == {"error"}
     assert "RuntimeError: out of order" in text
 
@@ -117,14 +117,15 @@ def test_an_error_in_an_engine_is_the_exit_code(tmp_path, monkeypatch):
         ("stacks", "--peer", "bogus"),
         ("fclib", "--repeats", "0"),
         ("fclib", "--tolerance", "0"),
-        ("fclib", "--scene", "tower-5"),
+        ("fclib", "--seed", "-1"),
+        ("fclib", "--steps", "5"),
     ],
     ids=" ".join,
 )
 def test_a_wrong_argument_is_a_usage_error(arguments, capsys):
     with pytest.raises(SystemExit) as stop:
         cli.main(["run", *arguments])
-    assert stop.value.code == cli.USAGE
+    assert stop.value.code == exit_codes.USAGE
     assert arguments[1] in capsys.readouterr().err
 
 

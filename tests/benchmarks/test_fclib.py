@@ -9,8 +9,8 @@ from matplotlib.image import imread
 from rich.console import Console
 
 import gpx_lcp as gpx
-from benchmarks import cli
-from benchmarks.fclib import attempts, problems, suite
+from benchmarks import cli, exit_codes
+from benchmarks.fclib.suite import Fclib, lines_of
 
 FILES = {"Tower-2": gpx.scenes.tower(2), "Tower-3": gpx.scenes.tower(3), "Slope1": gpx.scenes.incline(0.3, 0.2)}
 
@@ -42,7 +42,7 @@ def baseline(tmp_path):
 @pytest.fixture
 def no_charts(monkeypatch):
     """Drawing takes longer than everything else here: one test looks at the charts."""
-    monkeypatch.setattr(suite, "_draw", lambda scores, footer, out: [])
+    monkeypatch.setattr(Fclib, "draw", lambda self, records, folder, footer: [])
 
 
 def call(tmp_path, *arguments: str) -> tuple[int, str, list[dict[str, str]]]:
@@ -60,25 +60,26 @@ SMALL = (*ONE, "--tolerance", "1e-8")
 
 def test_every_problem_gets_a_row_for_each_solver_and_tolerance_and_a_broken_file_one(tmp_path, data, baseline):
     code, text, rows = call(tmp_path, "--data", str(data), *ONE, "--baseline", str(baseline))
-    assert code == cli.FAILED
-    (broken,) = [row for row in rows if row["problem"] == "Broken-1"]
-    assert broken["status"] == "unreadable" and "not a readable HDF5 file" in broken["message"]
-    rows.remove(broken)
-    keys = {(row["problem"], row["solver"], float(row["tolerance"])) for row in rows}
+    assert code == exit_codes.FAILED
+    broken = [row for row in rows if row["scene"] == "Broken-1"]
+    assert [row["solver"] for row in broken] == ["newton", "pgs"]
+    assert all(row["status"] == "unreadable" and "not a readable HDF5 file" in row["message"] for row in broken)
+    rows = [row for row in rows if row not in broken]
+    keys = {(row["scene"], row["solver"], float(row["tolerance"])) for row in rows}
     assert keys == {(name, solver, tol) for name in FILES for solver in ("pgs", "newton") for tol in (1e-4,)}
     assert len(rows) == len(keys)
     for row in rows:
-        assert (float(row["natural_map"]) <= float(row["tolerance"])) == (row["reached"] == "True")
+        assert (float(row["natural_map"]) <= float(row["tolerance"])) == (row["reached"] == "true")
         assert float(row["solve_seconds_low"]) <= float(row["solve_seconds"]) <= float(row["solve_seconds_high"])
-        assert row["formulation"] == "coulomb" and row["cpu"] and row["revision"] is not None and row["measured_at"]
-    tower = next(row for row in rows if row["problem"] == "Tower-3")
+        assert row["formulation"] == "coulomb" and row["cpu"] and row["revision"] and row["measured_at"] and row["host"]
+    tower = next(row for row in rows if row["scene"] == "Tower-3")
     assert (tower["family"], tower["contacts"], tower["dimension"]) == ("Tower", "12", "3")
     assert float(tower["rank_ratio"]) == 36 / 18
     assert "Broken-1 cannot be read" in text
     assert "What this does not show" in text and "Its times come from another run" in text
     written = {path.name for path in (tmp_path / "out" / "fclib").iterdir()}
     charts = {f"{stem}.{kind}" for stem in ("speed-accuracy", "profile-1e-4") for kind in ("png", "svg")}
-    assert written == {"rows.csv", "tables.txt"} | charts
+    assert written == {"rows.parquet", "rows.csv", "tables.txt", "asked.json", "answers", "baseline"} | charts
     for name in charts:
         if name.endswith("png"):
             pixels = imread(tmp_path / "out" / "fclib" / name)
@@ -87,19 +88,17 @@ def test_every_problem_gets_a_row_for_each_solver_and_tolerance_and_a_broken_fil
 
 
 def test_without_data_it_runs_its_own_problems_and_says_so(tmp_path, no_charts):
-    code, text, rows = call(tmp_path, "--quick", "--problem", "*Tower-5", "--solver", "newton", "--tolerance", "1e-8")
-    assert code == cli.OK
-    assert "No --data was given" in text
-    assert {row["problem"]: row["reached"] for row in rows} == {"Tower-5": "True", "ShakenTower-5": "True"}
+    code, text, rows = call(tmp_path, "--quick", "--scene", "*Tower-5", "--solver", "newton", "--tolerance", "1e-8")
+    assert code == exit_codes.OK
+    assert "problems of our own" in text
+    assert {row["scene"]: row["reached"] for row in rows} == {"Tower-5": "true", "ShakenTower-5": "true"}
 
 
 def test_automatic_and_the_exact_law_are_what_runs_unless_others_are_named():
-    plan = attempts.Plan((1e-4,), 1, 1.0)
-    usual = suite.Request(None, None, None, None, None, plan, False, problems.Path())
-    named = suite.Request(None, ["pgs"], ["box", "cone"], None, None, plan, False, problems.Path())
-    assert {line.formulation for line in usual.lines()} == {"coulomb"}
-    assert {"automatic", "pgs", "newton", "interior_point"} <= {line.label for line in usual.lines()}
-    assert [line.label for line in named.lines()] == ["pgs (box)", "pgs (cone)"]
+    usual = lines_of(None, None)
+    assert {line.formulation for line in usual} == {"coulomb"}
+    assert {"automatic", "pgs", "newton", "interior_point"} <= {line.label for line in usual}
+    assert [line.label for line in lines_of(["pgs"], ["box", "cone"])] == ["pgs (box)", "pgs (cone)"]
 
 
 @pytest.mark.parametrize(
@@ -107,7 +106,7 @@ def test_automatic_and_the_exact_law_are_what_runs_unless_others_are_named():
     [
         (("--data", "nowhere"), "--data is nowhere: there is no such folder"),
         (("--data", "."), "holds no *.hdf5 file"),
-        (("--problem", "bogus"), "--problem is bogus: there is none of that name"),
+        (("--scene", "bogus"), "--scene is bogus: there is none of that name"),
         (("--baseline", "nowhere.json"), "cannot be read as JSON"),
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) else "",
@@ -115,7 +114,7 @@ def test_automatic_and_the_exact_law_are_what_runs_unless_others_are_named():
 def test_what_is_not_there_is_a_usage_error(tmp_path, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
     code, text, rows = call(tmp_path, *arguments)
-    assert code == cli.USAGE
+    assert code == exit_codes.USAGE
     assert message in text
     assert not rows
 
@@ -125,9 +124,9 @@ def test_a_solver_that_breaks_is_a_row_and_the_exit_code(tmp_path, data, monkeyp
         raise RuntimeError("out of order")
 
     monkeypatch.setattr(gpx, "solve", broken)
-    code, text, rows = call(tmp_path, "--data", str(data), "--problem", "Tower-*", *SMALL)
-    assert code == cli.FAILED
-    assert {(row["status"], row["reached"], row["natural_map"]) for row in rows} == {("error", "False", "")}
+    code, text, rows = call(tmp_path, "--data", str(data), "--scene", "Tower-*", *SMALL)
+    assert code == exit_codes.FAILED
+    assert {(row["status"], row["reached"], row["natural_map"]) for row in rows} == {("error", "false", "")}
     assert len(rows) == 8
     assert "pgs: error on Tower-2 and 1 more: RuntimeError: out of order" in text
 
@@ -135,7 +134,7 @@ def test_a_solver_that_breaks_is_a_row_and_the_exit_code(tmp_path, data, monkeyp
 @pytest.mark.parametrize("named", [("--solver", "lemke"), ("--solver", "bogus"), ("--formulation", "bogus")])
 def test_where_no_solver_fits_the_run_is_refused(tmp_path, data, named):
     code, text, rows = call(tmp_path, "--data", str(data), *named)
-    assert code == cli.REFUSED
+    assert code == exit_codes.REFUSED
     assert "nothing to run" in text and not rows
 
 
@@ -151,13 +150,13 @@ def test_ctrl_c_keeps_what_was_measured_and_names_the_rest(tmp_path, data, monke
 
     monkeypatch.setattr(gpx, "solve", interrupted)
     code, text, rows = call(
-        tmp_path, "--data", str(data), "--problem", "Slope1", "--problem", "Tower-*", *SMALL, "--repeats", "2"
+        tmp_path, "--data", str(data), "--scene", "Slope1", "--scene", "Tower-*", *SMALL, "--repeats", "2"
     )
-    assert code == cli.INTERRUPTED
+    assert code == exit_codes.INTERRUPTED
     assert "stopped by Ctrl-C" in text
-    finished = {row["problem"] for row in rows if row["status"] != "interrupted"}
+    finished = {row["scene"] for row in rows if row["status"] != "interrupted"}
     assert finished == {"Slope1"}
-    assert {row["problem"] for row in rows} == set(FILES)
+    assert {row["scene"] for row in rows} == set(FILES)
 
 
 def test_the_solvers_word_is_not_believed(tmp_path, monkeypatch, no_charts):
@@ -167,6 +166,6 @@ def test_the_solvers_word_is_not_believed(tmp_path, monkeypatch, no_charts):
         return solve(system, "box", "pgs", **settings)  # solved, but as another problem
 
     monkeypatch.setattr(gpx, "solve", boastful)
-    rows = call(tmp_path, "--problem", "ShakenTower-5", *SMALL)[2]
-    assert {(row["status"], row["reached"]) for row in rows} == {("solved", "False")}
+    rows = call(tmp_path, "--scene", "ShakenTower-5", *SMALL)[2]
+    assert {(row["status"], row["reached"]) for row in rows} == {("solved", "false")}
     assert all(float(row["natural_map"]) > 1e-3 for row in rows)

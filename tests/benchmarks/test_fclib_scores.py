@@ -7,14 +7,15 @@ import numpy as np
 import pytest
 
 import gpx_lcp as gpx
-from benchmarks.fclib.attempts import Attempt, Line
 from benchmarks.fclib.baseline import Baseline, PeerProblem, PeerRun, read_baseline
+from benchmarks.fclib.batches import Line
 from benchmarks.fclib.charts import colours, panels_at
 from benchmarks.fclib.problems import ProblemFile, find, rank_ratio, shaken, smallest_of_each_family
 from benchmarks.fclib.profiles import geometric_mean, performance_ratios, profile, shifted_mean
 from benchmarks.fclib.scores import Scores, against_baseline
 from benchmarks.fclib.tables import ratio_table, solver_table
 from benchmarks.interface import scientific
+from benchmarks.records import Record
 
 # Three problems by three solvers, s; nobody solves the last one. Ratios: 1 2 4; 3 1 -; - - -.
 TIMES = [[1.0, 2.0, 4.0], [3.0, 1.0, inf], [inf, inf, inf]]
@@ -52,7 +53,8 @@ def test_means_of_numbers_done_by_hand():
     ],
 )
 def test_a_family_is_the_leading_letters(tmp_path, stem, family):
-    assert ProblemFile(stem, tmp_path / "other letters" / f"{stem}.hdf5").family == family
+    assert ProblemFile(stem, tmp_path / "other letters" / f"{stem}.hdf5", 1).family == family
+    assert ProblemFile(stem, None, 1).family == family
 
 
 def test_files_are_found_at_any_depth_and_told_apart(tmp_path):
@@ -126,22 +128,28 @@ def test_a_baseline_of_another_format_is_refused_with_the_place(tmp_path, held, 
     assert message in str(error.value)
 
 
-def attempt(problem: str, solver: str, seconds: float, reached: bool = True, contacts: int = 20, **more) -> Attempt:
-    return Attempt(
-        problem,
-        problem.split("-")[0],
-        solver,
-        "coulomb",
-        1e-8,
-        16.0,
-        "solved",
-        reached=reached,
-        dimension=more.pop("dimension", 3),
+def attempt(problem: str, solver: str, seconds: float, reached: bool = True, contacts: int = 20, **more) -> Record:
+    figures = {
+        "family": problem.split("-")[0],
+        "dimension": more.pop("dimension", 3),
+        "rank_ratio": None,
+        "time_limit": 16.0,
+    }
+    return Record(
+        suite="fclib",
+        scene=problem,
+        seed=0,
+        engine="gpx-lcp",
+        engine_version="1",
+        solver=solver,
+        formulation="coulomb",
+        setting="tolerance 1e-8",
+        effort=8.0,
+        tolerance=1e-8,
         contacts=contacts,
-        solve_seconds=seconds,
-        setup_seconds=seconds,
-        natural_map=1e-9 if reached else 1e-3,
-        **more,
+        figures=figures,
+        certificate={"natural_map": 1e-9 if reached else 1e-3},
+        **{"status": "solved", "reached": reached, "solve_seconds": seconds, "setup_seconds": seconds, **more},
     )
 
 
@@ -189,8 +197,8 @@ def test_the_share_counts_every_problem():
 
 
 def test_unreadable_and_interrupted_problems_are_no_part_of_the_scores():
-    broken = Attempt("Broken-1", "Broken", "", "", 0.0, 16.0, "unreadable")
-    begun = Attempt("Box-9", "Box", "pgs", "coulomb", 1e-8, 16.0, "interrupted")
+    broken = attempt("Broken-1", "pgs", None, False, status="unreadable")
+    begun = attempt("Box-9", "pgs", None, False, status="interrupted")
     scores = Scores([*ROWS, broken, begun], None)
     assert [subject.name for subject in scores.subjects] == ["Box-1", "Rod-1", "Rod-2", "Flat-1"]
     assert scores.lines == [PGS, NEWTON]

@@ -1,0 +1,10 @@
+"""The table of suites. One row each: `benchmarks.attempts.Suite` says what a suite is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from benchmarks.attempts import Suite
+from benchmarks.fclib.suite import Fclib
+
+SUITES: Mapping[str, Suite] = {suite.name: suite for suite in (Fclib(),)}

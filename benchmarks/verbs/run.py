@@ -1,0 +1,113 @@
+"""`run SUITE`: measures what is asked for, or what an interrupted run has left, and shows, writes and draws it."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.text import Text
+
+from benchmarks import exit_codes, machine, store
+from benchmarks.attempts import Batch, Suite
+from benchmarks.measuring import Measured, measure, not_measured
+from benchmarks.pages import Pages
+from benchmarks.records import Record
+
+
+@dataclass
+class Run:
+    """A run as it goes on."""
+
+    suite: Suite
+    folder: store.Folder
+    pages: Pages
+    interrupted: bool = False
+
+    def keep(self, batch: Batch, measured: Measured) -> None:
+        """Store what a batch gave, and show it."""
+        self.interrupted |= measured.interrupted
+        records = self.folder.keep(batch.name, measured)
+        for table in self.suite.batch_tables(records):
+            self.pages.show(table)
+
+
+def run(suite: Suite, asked: argparse.Namespace, arguments: Sequence[str], console: Console) -> int:
+    """Run a suite.
+
+    Parameters
+    ----------
+    asked : Namespace
+        The arguments as understood; with `resume`, those of the run that is gone on with.
+    arguments : sequence of str
+        The arguments as given, kept for --resume.
+
+    Raises
+    ------
+    SettingsError
+        When they name what is not there.
+    """
+    path: Path = asked.out / suite.name
+    wanted = suite.batches(asked, path)
+    if not wanted:
+        console.print("[red]nothing to run:[/] nothing that is installed has such a name and formulation; see `list`.")
+        return exit_codes.REFUSED
+    known = store.read(path) if asked.resume and (path / store.ROWS).exists() else []
+    state = Run(suite, store.Folder(path, known), Pages(console))
+    if not asked.resume:
+        store.write_asked(path, {"arguments": list(arguments)})
+    missing = _missing(wanted, known)
+    if asked.resume:
+        left, total = (sum(len(batch.attempts) for batch in batches) for batches in (missing, wanted))
+        console.print(f"{total - left} of {total} attempts are there; {left} are left")
+    _measure(state, missing)
+    records = state.folder.records
+    footer = version_line(records)
+    shown = [*suite.tables(records, path), Text(footer, style="dim"), Text(suite.not_shown, style="dim")]
+    for what in shown:
+        state.pages.show(what)
+    state.pages.write(path / "tables.txt")
+    written = [path / store.ROWS, path / "rows.csv", path / "tables.txt", *suite.draw(records, path, footer)]
+    console.print("written: " + ", ".join(map(str, written)), soft_wrap=True)
+    if state.interrupted:
+        console.print("[yellow]stopped by Ctrl-C: rows that were not measured say so, and --resume measures them.[/]")
+        return exit_codes.INTERRUPTED
+    return exit_codes.FAILED if any(record.failed for record in records) else exit_codes.OK
+
+
+def _missing(wanted: Sequence[Batch], known: Sequence[Record]) -> list[Batch]:
+    """Return the batches without the attempts whose rows are all there."""
+    finished: dict[tuple[str, ...], bool] = {}
+    for record in known:
+        finished[record.attempt_key] = finished.get(record.attempt_key, True) and record.finished
+    left = [
+        (batch, [attempt for attempt in batch.attempts if not finished.get(attempt.key, False)]) for batch in wanted
+    ]
+    return [batch.only(attempts) for batch, attempts in left if attempts]
+
+
+def _measure(state: Run, batches: Sequence[Batch]) -> None:
+    """Measure batch by batch, each stored as it is done; Ctrl-C ends it early, and the rest is listed as left out."""
+    done = 0
+    with state.pages.progress(sum(len(batch.attempts) * batch.repeats for batch in batches)) as advance:
+        try:
+            for batch in batches:
+                measured = measure(batch, advance)
+                state.keep(batch, measured)
+                done += 1
+                if measured.interrupted:
+                    break
+        except KeyboardInterrupt:  # between two batches
+            state.interrupted = True
+    state.folder.add(record for batch in batches[done:] for record in not_measured(batch))
+
+
+def version_line(records: Sequence[Record]) -> str:
+    """Return versions, processor, hosts and peers of the rows in one line."""
+    known = [record.where for record in records if record.where]
+    hosts = list(dict.fromkeys(where["host"] for where in known))
+    engines = dict.fromkeys(f"{record.engine} {record.engine_version}" for record in records if record.engine_version)
+    more = [engine for engine in engines if not engine.startswith("gpx-lcp ")]
+    return machine.version_line(known[0], *more, *([f"{len(hosts)} hosts"] if len(hosts) > 1 else []))
