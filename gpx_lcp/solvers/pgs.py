@@ -25,7 +25,6 @@ from time import perf_counter
 from typing import Any, Final
 
 import numpy as np
-import scipy.sparse as sp
 
 from formulations import FORMULATIONS, StackedSystem
 from formulations.checks import Array
@@ -38,8 +37,9 @@ from gpx_lcp.solution import Status
 from gpx_lcp.solvers._interface import Outcome, Request, Solver
 
 MAX_SWEEPS: Final = 10_000
-# Body sizes that have a kernel; any other is read as bodies of one degree of freedom each, which is always true of Ĵ.
-BODY_SIZES: Final = (1, 3, 6)
+MAX_THREADS: Final = 256
+# Velocities of a body that have a kernel; others are filled up with zeros.
+BODY_SIZES: Final = (3, 6)
 STATUS: Final = {
     "solved": Status.SOLVED,
     "max_sweeps": Status.MAX_ITERATIONS,
@@ -59,7 +59,8 @@ def run(request: Request) -> Outcome:
     Raises
     ------
     SettingsError
-        When `relaxation` is not a number between 0 and 2, both excluded, or `acceleration` is not True or False.
+        When `relaxation` is not a number between 0 and 2, both excluded, `acceleration` is not True or False, or
+        `threads` is not a whole number from 1 to 256.
     """
     began = perf_counter()
     system = request.system
@@ -102,11 +103,13 @@ def native(request: Request) -> dict[str, Any]:
     SettingsError
         See `run`.
     """
-    relaxation, acceleration = request.settings["relaxation"], request.settings["acceleration"]
+    relaxation, acceleration, threads = (request.settings[name] for name in ("relaxation", "acceleration", "threads"))
     if isinstance(relaxation, bool) or not isinstance(relaxation, int | float) or not 0.0 < relaxation < 2.0:
         raise SettingsError(f"relaxation is {relaxation!r}: it must be a number between 0 and 2, both excluded")
     if not isinstance(acceleration, bool):
         raise SettingsError(f"acceleration is {acceleration!r}: it must be True or False")
+    if isinstance(threads, bool) or not isinstance(threads, int | np.integer) or not 1 <= threads <= MAX_THREADS:
+        raise SettingsError(f"threads is {threads!r}: it must be a whole number from 1 to {MAX_THREADS}")
     rows = 1 if request.formulation == "normal" else request.system.rows
     law, corners = _law(request.formulation, rows, request.facets)
     return {
@@ -120,6 +123,7 @@ def native(request: Request) -> dict[str, Any]:
         "time_limit": request.time_limit,
         "relaxation": float(relaxation),
         "acceleration": acceleration,
+        "threads": int(threads),
     }
 
 
@@ -133,31 +137,38 @@ def _law(formulation: str, rows: int, facets: int) -> tuple[str, Array]:
 
 
 def _block_rows(system: StackedSystem, rows: int) -> dict[str, Any]:
-    """Return the system's block rows as the kernels take them: fewer rows a contact, bodies of a size that has one."""
+    """Return the system's block rows as the kernels take them: fewer rows a contact, bodies of a size that has one.
+
+    Ĵ where its contacts touch at most two bodies, of at most six velocities each; A otherwise.
+    """
     blocks = system.block_rows
-    if rows < system.rows and not blocks.factored:
-        blocks = StackedSystem(normal_matrix(system), system.B[:: system.rows], system.friction).block_rows
-    data = blocks.data
+    if blocks.factored and (np.diff(blocks.indptr).max() > 2 or blocks.width > BODY_SIZES[-1]):
+        system = StackedSystem(system.A, system.B, system.friction)
+        blocks = system.block_rows
     if blocks.factored:
-        if blocks.width not in BODY_SIZES:
-            blocks = _single_columns(system)
-        data = blocks.data.reshape(-1, system.rows, blocks.width)[:, :rows, :]
+        return _rows_of(blocks, *_fitted(blocks, system.rows, rows))
+    if rows < system.rows:
+        blocks = StackedSystem(normal_matrix(system), system.B[:: system.rows], system.friction).block_rows
+    return _rows_of(blocks, blocks.data, blocks.width)
+
+
+def _fitted(blocks: BlockRows, rows: int, wanted: int) -> tuple[Array, int]:
+    """Return the first rows of each block, and the columns that they have been filled up to."""
+    width = next(size for size in BODY_SIZES if size >= blocks.width)
+    data = np.zeros((len(blocks.indices), wanted, width))
+    data[:, :, : blocks.width] = blocks.data.reshape(-1, rows, blocks.width)[:, :wanted]
+    return data.reshape(-1), width
+
+
+def _rows_of(blocks: BlockRows, data: Array, width: int) -> dict[str, Any]:
     return {
         "indptr": blocks.indptr,
         "indices": blocks.indices,
-        "data": np.ascontiguousarray(data).reshape(-1),
+        "data": data,
         "columns": blocks.columns,
-        "block_columns": blocks.width,
+        "block_columns": width,
         "factored": blocks.factored,
     }
-
-
-def _single_columns(system: StackedSystem) -> BlockRows:
-    """Return Ĵ as if every velocity were a body of its own."""
-    factor = sp.bsr_array(system.whitened_jacobian, blocksize=(system.rows, 1))
-    factor.eliminate_zeros()
-    indptr, indices = factor.indptr.astype(np.int64), factor.indices.astype(np.int64)
-    return BlockRows(indptr, indices, factor.data.reshape(-1), 1, factor.shape[1], factored=True)
 
 
 def _column(flat: Array, rows: int, wanted: int) -> Array:
@@ -172,5 +183,5 @@ SOLVER: Final = Solver(
     run=run,
     native=native,
     warm_starts=True,
-    defaults={"relaxation": 1.0, "acceleration": False},
+    defaults={"relaxation": 1.0, "acceleration": False, "threads": 1},
 )

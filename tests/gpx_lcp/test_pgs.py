@@ -198,6 +198,16 @@ def test_every_body_size_has_a_kernel(size):
     np.testing.assert_allclose(first.impulse, second.impulse, atol=1e-8)
 
 
+def test_contact_of_three_bodies_is_solved_on_the_matrix():
+    rng = np.random.default_rng(2)
+    system = gpx.StackedSystem.from_jacobian(
+        rng.normal(size=(6, 18)), np.tile(np.eye(6), (3, 1, 1)), rng.normal(size=6), [0.4, 0.4]
+    )
+    solution = pgs(system)
+    assert solution.status is gpx.Status.SOLVED
+    np.testing.assert_allclose(solution.impulse, pgs(explicit(system)).impulse, atol=1e-12)
+
+
 @given(
     seed=st.integers(0, 10_000),
     friction=st.sampled_from([0.0, 1e-9, 0.05, 0.5, 1.0]),
@@ -259,14 +269,39 @@ def test_same_input_gives_the_same_bits():
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
+@pytest.mark.parametrize("acceleration", [False, True])
+def test_number_of_threads_changes_no_bit(formulation, acceleration):
+    """A pyramid of 7 has colours of several hundred contacts: work for all of the threads."""
+    system = gpx.World(gpx.scenes.pyramid(7), 1 / 240).system()
+    effort = {"max_iterations": 25, "acceleration": acceleration}
+    alone, *teams = (pgs(system, formulation, threads=threads, **effort) for threads in (1, 2, 4))
+    for solution in teams:
+        assert solution.impulse.tobytes() == alone.impulse.tobytes()
+        assert solution.history == alone.history
+
+
+def test_number_of_threads_changes_no_bit_of_a_world():
+    worlds = [gpx.World(gpx.scenes.pyramid(6), 1 / 240, solver="pgs", iterations=20, threads=t) for t in (1, 2)]
+    for world in worlds:
+        world.step(10)
+    assert worlds[0].positions.tobytes() == worlds[1].positions.tobytes()
+
+
+@pytest.mark.parametrize("threads", [0, -1, 1.0, True, "two", 1000])
+def test_wrong_number_of_threads_is_refused(threads):
+    with pytest.raises(gpx.SettingsError, match="threads"):
+        pgs(tower(1), threads=threads)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_acceleration_finds_a_solution_of_the_same_program(formulation):
-    system = tower(5)
+    system = tower(8)
     solution = pgs(system, formulation, acceleration=True)
     assert solution.status is gpx.Status.SOLVED
     assert solution.program_residual == pytest.approx(
         RESIDUALS[formulation](system, solution.impulse, 8), rel=1e-9, abs=1e-14
     )
-    plain = pgs(system, formulation)
+    plain = pgs(system, formulation, max_iterations=30_000)
     assert 2 * solution.iterations < plain.iterations
     np.testing.assert_allclose(solution.velocity, plain.velocity, atol=1e-7)
 

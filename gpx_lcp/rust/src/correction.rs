@@ -26,6 +26,7 @@ const SWEEPS: Settings = Settings {
     time_limit: None,
     relaxation: 1.0,
     acceleration: false,
+    threads: 1,
 };
 
 /// The velocities, for this step's poses only, that take out overlap after a step at `velocities`; None where no contact

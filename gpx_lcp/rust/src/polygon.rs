@@ -4,6 +4,7 @@
 //! the boxed LCP, in which each tangent direction has its own bound μ p_n.
 
 use crate::contact::{Contact, Law};
+use crate::lanes::{Lanes, Memory};
 use crate::small_matrix::{Vector, dot};
 
 /// The law 0 ≤ p_n ⟂ u_n ≥ 0, -u_t in the normal cone of μ p_n P at p_t.
@@ -99,7 +100,7 @@ impl<const R: usize> Polygon<R> {
     fn at(
         &self,
         feature: Feature,
-        contact: &Contact<R>,
+        contact: &Contact<f64, R>,
         b: &Vector<R>,
     ) -> Option<(Vector<R>, f64)> {
         match feature {
@@ -110,7 +111,12 @@ impl<const R: usize> Polygon<R> {
     }
 
     /// Sliding at corner j: the impulse, and by how much the velocity (m/s) fails to prefer this corner.
-    fn at_corner(&self, contact: &Contact<R>, b: &Vector<R>, j: usize) -> Option<(Vector<R>, f64)> {
+    fn at_corner(
+        &self,
+        contact: &Contact<f64, R>,
+        b: &Vector<R>,
+        j: usize,
+    ) -> Option<(Vector<R>, f64)> {
         let count = self.corners.len();
         let mut ray = self.corners[j].map(|value| contact.friction * value);
         ray[0] = 1.0;
@@ -129,7 +135,12 @@ impl<const R: usize> Polygon<R> {
     }
 
     /// Sliding on the edge that starts at corner j: u_n = 0, and no velocity along the edge.
-    fn on_edge(&self, contact: &Contact<R>, b: &Vector<R>, j: usize) -> Option<(Vector<R>, f64)> {
+    fn on_edge(
+        &self,
+        contact: &Contact<f64, R>,
+        b: &Vector<R>,
+        j: usize,
+    ) -> Option<(Vector<R>, f64)> {
         let along = &self.along[j];
         let mut ray = self.corners[j].map(|value| contact.friction * value);
         ray[0] = 1.0;
@@ -155,33 +166,55 @@ impl<const R: usize> Polygon<R> {
     }
 }
 
-fn velocity<const R: usize>(contact: &Contact<R>, b: &Vector<R>, impulse: &Vector<R>) -> Vector<R> {
+fn velocity<const R: usize>(
+    contact: &Contact<f64, R>,
+    b: &Vector<R>,
+    impulse: &Vector<R>,
+) -> Vector<R> {
     std::array::from_fn(|r| b[r] + dot(&contact.block[r], impulse))
 }
 
 impl<const R: usize> Law<R> for Polygon<R> {
-    type Local = Feature;
+    /// Where it slid last.
+    type Local = Option<Feature>;
 
-    fn prepare(&self, _contact: &Contact<R>) -> Feature {
-        Feature::Corner(0)
+    #[inline(always)]
+    fn contains<V: Lanes>(&self, friction: V, impulse: &[V; R]) -> V::Mask {
+        let radius = friction * impulse[0];
+        let mut square = V::splat(0.0);
+        for r in 1..R {
+            square = square.plus_product(impulse[r], impulse[r]);
+        }
+        let pushes = impulse[0].at_least(V::splat(0.0));
+        let inner = (radius * radius * V::splat(self.inner)).at_least(square);
+        if V::bits(inner) & V::bits(pushes) == V::bits(pushes) {
+            return V::both(pushes, inner);
+        }
+        let mut holds = pushes;
+        for (normal, support) in &self.outward {
+            let mut reach = V::splat(0.0);
+            for r in 1..R {
+                reach = reach.plus_product(V::splat(normal[r]), impulse[r]);
+            }
+            holds = V::both(holds, (radius * V::splat(*support)).at_least(reach));
+        }
+        holds
     }
 
     #[inline(always)]
-    fn separates(&self, contact: &Contact<R>, impulse: &Vector<R>, velocity: &Vector<R>) -> bool {
-        contact.normal_velocity_without(impulse, velocity) >= 0.0
-    }
-
-    #[inline(always)]
-    fn contains(&self, friction: f64, impulse: &Vector<R>) -> bool {
-        let mut tangent = *impulse;
-        tangent[0] = 0.0;
-        impulse[0] >= 0.0 && self.holds(friction * impulse[0], &tangent)
+    fn separates<V: Lanes>(&self, _friction: V, b: &[V; R]) -> V::Mask {
+        b[0].at_least(V::splat(0.0))
     }
 
     /// Try every corner and every edge; the first that satisfies the law is it.
     ///
     /// Where rounding leaves none, or strong coupling leaves truly none, the one that fails by least is taken.
-    fn slide(&self, contact: &Contact<R>, local: &mut Feature, b: &Vector<R>) -> Option<Vector<R>> {
+    fn slide(
+        &self,
+        contact: &Contact<f64, R>,
+        local: &mut Option<Feature>,
+        b: &Vector<R>,
+    ) -> Option<Vector<R>> {
         let mut best: Option<(Vector<R>, f64)> = None;
         for j in 0..self.corners.len() {
             for feature in [Feature::Corner(j), Feature::Edge(j)] {
@@ -190,7 +223,7 @@ impl<const R: usize> Law<R> for Polygon<R> {
                 };
                 if best.is_none_or(|(_, least)| excess < least) {
                     best = Some((impulse, excess));
-                    *local = feature;
+                    *local = Some(feature);
                 }
                 if excess <= 0.0 {
                     return Some(impulse);
@@ -200,16 +233,103 @@ impl<const R: usize> Law<R> for Polygon<R> {
         best.map(|(impulse, _)| impulse)
     }
 
-    /// Try what it was last.
+    /// Try what each contact was last; written out in numbers, because lanes differ in their corners.
     #[inline(always)]
-    fn slide_on(
+    fn slide_on<V: Lanes>(
         &self,
-        contact: &Contact<R>,
-        local: &mut Feature,
-        b: &Vector<R>,
-    ) -> Option<Vector<R>> {
-        let (impulse, excess) = self.at(*local, contact, b)?;
-        (excess <= 0.0 && impulse.iter().all(|value| value.is_finite())).then_some(impulse)
+        contact: &mut Contact<V::Memory, R>,
+        locals: &[Option<Feature>],
+        b: &[V; R],
+    ) -> ([V; R], V::Mask) {
+        let (zero, one) = (V::splat(0.0), V::splat(1.0));
+        if R != 3 {
+            return (*b, V::splat(-1.0).at_least(zero));
+        }
+        // The corner, the edges after it and before it, the length of the former; at the corner, on the edge: 1 or 0.
+        let mut table = [V::Memory::filled(0.0); 9];
+        for (lane, local) in locals.iter().enumerate() {
+            let (j, place) = match *local {
+                Some(Feature::Corner(j)) => (j, 7),
+                Some(Feature::Edge(j)) => (j, 8),
+                None => continue,
+            };
+            let previous = if j == 0 { self.corners.len() } else { j } - 1;
+            for k in 0..2 {
+                table[k].set(lane, self.corners[j][1 + k]);
+                table[2 + k].set(lane, self.along[j][1 + k]);
+                table[4 + k].set(lane, self.along[previous][1 + k]);
+            }
+            table[6].set(lane, self.lengths[j]);
+            table[place].set(lane, 1.0);
+        }
+        let mut t = [zero; 9];
+        for k in 0..9 {
+            t[k] = V::load(&table[k]);
+        }
+        let [
+            x,
+            y,
+            e_x,
+            e_y,
+            before_x,
+            before_y,
+            length,
+            at_corner,
+            on_edge,
+        ] = t;
+        let friction = V::load(&contact.friction);
+        let ray = [one, friction * x, friction * y];
+        let (mut from_ray, mut from_edge) = ([zero; 3], [zero; 3]);
+        for r in 0..3 {
+            let row = [
+                V::load(&contact.block[r][0]),
+                V::load(&contact.block[r][1]),
+                V::load(&contact.block[r][2]),
+            ];
+            from_ray[r] = row[0] + row[1] * ray[1] + row[2] * ray[2];
+            from_edge[r] = row[1] * e_x + row[2] * e_y;
+        }
+        // As in `on_edge`, and as in `at_corner` where q = 0.
+        let matrix = [
+            [from_ray[0], from_edge[0]],
+            [
+                e_x * from_ray[1] + e_y * from_ray[2],
+                e_x * from_edge[1] + e_y * from_edge[2],
+            ],
+        ];
+        let rhs = [-b[0], -(e_x * b[1] + e_y * b[2])];
+        let corner = at_corner.at_least(one);
+        let determinant = (matrix[0][0] * matrix[1][1] - matrix[0][1] * matrix[1][0])
+            .replaced(corner, matrix[0][0]);
+        let p_n =
+            (rhs[0] * matrix[1][1] - matrix[0][1] * rhs[1]).replaced(corner, rhs[0]) / determinant;
+        let q =
+            ((matrix[0][0] * rhs[1] - rhs[0] * matrix[1][0]) / determinant).replaced(corner, zero);
+        let mut impulse = *b;
+        impulse[0] = p_n;
+        impulse[1] = p_n * ray[1] + q * e_x;
+        impulse[2] = p_n * ray[2] + q * e_y;
+        let u_x = b[1] + from_ray[1] * p_n + from_edge[1] * q;
+        let u_y = b[2] + from_ray[2] * p_n + from_edge[2] * q;
+        let along = u_x * e_x + u_y * e_y;
+        let along_before = u_x * before_x + u_y * before_y;
+        let outward = u_x * e_y - u_y * e_x;
+        // At a corner the velocity turns back along both edges; on an edge it points inward, away from the outward normal.
+        let mut follows = (at_corner + on_edge).at_least(one);
+        for holds in [
+            p_n.at_least(V::splat(f64::MIN_POSITIVE)),
+            q.at_least(zero),
+            (friction * p_n * length).at_least(q),
+            zero.at_least(outward.replaced(corner, along_before)),
+            zero.at_least(zero.replaced(corner, -along)),
+            determinant.at_least(V::splat(f64::MIN_POSITIVE)),
+        ] {
+            follows = V::both(follows, holds);
+        }
+        for r in 0..3 {
+            follows = V::both(follows, impulse[r].finite());
+        }
+        (impulse, follows)
     }
 
     fn project(&self, friction: f64, impulse: &Vector<R>) -> Vector<R> {

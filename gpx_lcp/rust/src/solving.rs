@@ -3,8 +3,9 @@
 use std::time::{Duration, Instant};
 
 use crate::contact::Law;
-use crate::delassus::{BlockRows, Factored};
+use crate::delassus::BlockRows;
 use crate::exact;
+use crate::factored::Factored;
 use crate::friction_cone::{ConvexCone, Coulomb};
 use crate::gauss_seidel::{self, Settings, Stop};
 use crate::program::Program;
@@ -181,13 +182,13 @@ pub fn sweep(
     let question = Question { stack, b, start };
     match (stack.layout.rows, stack.layout.columns, program) {
         (1, 3, _) | (_, 3, Program::Normal) => {
-            question.sweep::<1, 3, 2, _>(&Coulomb, true, settings, go_on)
+            question.sweep::<1, 3, _>(&Coulomb, true, settings, go_on)
         }
         (1, _, _) | (_, _, Program::Normal) => {
-            question.sweep::<1, 6, 3, _>(&Coulomb, true, settings, go_on)
+            question.sweep::<1, 6, _>(&Coulomb, true, settings, go_on)
         }
-        (_, 3, program) => question.sweep_with_friction::<3, 2>(program, settings, go_on),
-        (_, _, program) => question.sweep_with_friction::<6, 3>(program, settings, go_on),
+        (_, 3, program) => question.sweep_with_friction::<3>(program, settings, go_on),
+        (_, _, program) => question.sweep_with_friction::<6>(program, settings, go_on),
     }
 }
 
@@ -198,23 +199,23 @@ struct Question<'a> {
 }
 
 impl Question<'_> {
-    fn sweep_with_friction<const D: usize, const Q: usize>(
+    fn sweep_with_friction<const D: usize>(
         &self,
         program: &Program,
         settings: &Settings,
         go_on: &mut dyn FnMut() -> bool,
     ) -> Option<Answer> {
         match program {
-            Program::Cone => self.sweep::<3, D, Q, _>(&ConvexCone, false, settings, go_on),
+            Program::Cone => self.sweep::<3, D, _>(&ConvexCone, false, settings, go_on),
             Program::Polygon(corners) => {
-                self.sweep::<3, D, Q, _>(&Program::polygon(corners), false, settings, go_on)
+                self.sweep::<3, D, _>(&Program::polygon(corners), false, settings, go_on)
             }
-            _ => self.sweep::<3, D, Q, _>(&Coulomb, false, settings, go_on),
+            _ => self.sweep::<3, D, _>(&Coulomb, false, settings, go_on),
         }
     }
 
-    /// Sweep over the first R rows of each contact, with bodies of D velocities in Q pairs of lanes.
-    fn sweep<const R: usize, const D: usize, const Q: usize, L: Law<R>>(
+    /// Sweep over the first R rows of each contact, with bodies of D velocities.
+    fn sweep<const R: usize, const D: usize, L: Law<R>>(
         &self,
         law: &L,
         frictionless: bool,
@@ -246,8 +247,9 @@ impl Question<'_> {
             scale: &stack.scale,
             target_norm: square.sqrt(),
         };
-        let mut delassus = Factored::<R, Q>::new(block_rows::<R, D>(stack), stack.roots.len());
-        let outcome = gauss_seidel::solve(&mut delassus, law, &problem, &start, settings, go_on);
+        let delassus = Factored::<R, D>::new(&block_rows(stack), stack.roots.len())
+            .expect("a contact of a stack touches two bodies");
+        let outcome = gauss_seidel::solve(&delassus, law, &problem, &start, settings, go_on);
         let status = match outcome.stop {
             Stop::Solved => Status::Solved,
             Stop::MaxSweeps | Stop::TimeLimit => Status::MaxIterations,

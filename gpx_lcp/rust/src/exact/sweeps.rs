@@ -4,7 +4,9 @@
 //! which the residual falls tells how many more are needed; it is read again each time their number has doubled.
 
 use crate::contact::Law;
-use crate::delassus::{BlockRows, Delassus, Explicit, Factored};
+use crate::delassus::{BlockRows, Delassus};
+use crate::explicit::Explicit;
+use crate::factored::Factored;
 use crate::friction_cone::{ConvexCone, Coulomb};
 use crate::gauss_seidel::{History, Problem as Sweeping, Settings, solve_while};
 
@@ -35,10 +37,10 @@ pub fn gauss_seidel(
             _ => explicit::<3>(a, problem, limits, most, best),
         },
         Operator::Velocity(factor) => match (factor.height, factor.width) {
-            (1, 1) => factored::<1, 1, 1>(factor, problem, limits, most, best),
-            (2, 3) => factored::<2, 3, 2>(factor, problem, limits, most, best),
-            (3, 3) => factored::<3, 3, 2>(factor, problem, limits, most, best),
-            (3, 6) => factored::<3, 6, 3>(factor, problem, limits, most, best),
+            (1, 1) => factored::<1, 1>(factor, problem, limits, most, best),
+            (2, 3) => factored::<2, 3>(factor, problem, limits, most, best),
+            (3, 3) => factored::<3, 3>(factor, problem, limits, most, best),
+            (3, 6) => factored::<3, 6>(factor, problem, limits, most, best),
             // Any other shape of body is rare enough to go without.
             _ => {}
         },
@@ -61,15 +63,17 @@ fn explicit<const R: usize>(
     );
 }
 
-fn factored<const R: usize, const D: usize, const Q: usize>(
+fn factored<const R: usize, const D: usize>(
     factor: &BlockMatrix,
     problem: &Problem,
     limits: &Limits,
     most: impl FnOnce() -> f64,
     best: &mut Best,
 ) {
-    let delassus = Factored::<R, Q>::new(block_rows::<R, D>(factor), factor.block_columns);
-    with_law::<R, _>(delassus, problem, limits, most, best);
+    // Contacts of more than two bodies are rare enough to go without, too.
+    if let Some(delassus) = Factored::new(&block_rows::<R, D>(factor), factor.block_columns) {
+        with_law::<R, _>(delassus, problem, limits, most, best);
+    }
 }
 
 fn block_rows<const R: usize, const C: usize>(matrix: &BlockMatrix) -> BlockRows<R, C> {
@@ -98,7 +102,7 @@ fn with_law<const R: usize, A: Delassus<R>>(
 }
 
 fn sweep<const R: usize, A: Delassus<R>, L: Law<R>>(
-    mut delassus: A,
+    delassus: A,
     law: &L,
     problem: &Problem,
     limits: &Limits,
@@ -122,6 +126,7 @@ fn sweep<const R: usize, A: Delassus<R>, L: Law<R>>(
         time_limit: limits.left(),
         relaxation: 1.0,
         acceleration: true,
+        threads: 1,
     };
     let mut outlook = Outlook {
         tolerance: limits.tolerance,
@@ -131,7 +136,7 @@ fn sweep<const R: usize, A: Delassus<R>, L: Law<R>>(
     };
     let start = vec![[0.0; R]; target.len()];
     let outcome = solve_while(
-        &mut delassus,
+        &delassus,
         law,
         &asked,
         &start,

@@ -6,7 +6,9 @@ use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 
 use crate::contact::Law;
-use crate::delassus::{BlockRows, Delassus, Explicit, Factored, StructureError};
+use crate::delassus::{BlockRows, Delassus, StructureError};
+use crate::explicit::Explicit;
+use crate::factored::Factored;
 use crate::friction_cone::{ConvexCone, Coulomb};
 use crate::gauss_seidel::{Outcome, Problem, Settings, Stop, solve};
 use crate::polygon::Polygon;
@@ -73,6 +75,8 @@ pub struct Effort<'py> {
     relaxation: f64,
     #[pyo3(item)]
     acceleration: bool,
+    #[pyo3(item)]
+    threads: usize,
 }
 
 impl Effort<'_> {
@@ -86,6 +90,7 @@ impl Effort<'_> {
                 .and_then(|seconds| Duration::try_from_secs_f64(seconds).ok()),
             relaxation: self.relaxation,
             acceleration: self.acceleration,
+            threads: self.threads,
         }
     }
 
@@ -128,15 +133,12 @@ pub fn gauss_seidel<'py>(
     effort: Effort<'py>,
 ) -> PyResult<Answer<'py>> {
     match (question.rows, matrix.factored, matrix.block_columns) {
-        (1, true, 1) => factored::<1, 1, 1>(py, &matrix, &question, &effort),
-        (1, true, 3) => factored::<1, 3, 2>(py, &matrix, &question, &effort),
-        (1, true, 6) => factored::<1, 6, 3>(py, &matrix, &question, &effort),
-        (2, true, 1) => factored::<2, 1, 1>(py, &matrix, &question, &effort),
-        (2, true, 3) => factored::<2, 3, 2>(py, &matrix, &question, &effort),
-        (2, true, 6) => factored::<2, 6, 3>(py, &matrix, &question, &effort),
-        (3, true, 1) => factored::<3, 1, 1>(py, &matrix, &question, &effort),
-        (3, true, 3) => factored::<3, 3, 2>(py, &matrix, &question, &effort),
-        (3, true, 6) => factored::<3, 6, 3>(py, &matrix, &question, &effort),
+        (1, true, 3) => factored::<1, 3>(py, &matrix, &question, &effort),
+        (1, true, 6) => factored::<1, 6>(py, &matrix, &question, &effort),
+        (2, true, 3) => factored::<2, 3>(py, &matrix, &question, &effort),
+        (2, true, 6) => factored::<2, 6>(py, &matrix, &question, &effort),
+        (3, true, 3) => factored::<3, 3>(py, &matrix, &question, &effort),
+        (3, true, 6) => factored::<3, 6>(py, &matrix, &question, &effort),
         (1, false, 1) => explicit::<1>(py, &matrix, &question, &effort),
         (2, false, 2) => explicit::<2>(py, &matrix, &question, &effort),
         (3, false, 3) => explicit::<3>(py, &matrix, &question, &effort),
@@ -146,19 +148,16 @@ pub fn gauss_seidel<'py>(
     }
 }
 
-fn factored<'py, const R: usize, const D: usize, const Q: usize>(
+fn factored<'py, const R: usize, const D: usize>(
     py: Python<'py>,
     matrix: &Rows<'py>,
     question: &Question<'py>,
     effort: &Effort<'py>,
 ) -> PyResult<Answer<'py>> {
-    let rows = block_rows::<R, D>(matrix)?;
-    with_law(
-        py,
-        Factored::<R, Q>::new(rows, matrix.columns),
-        question,
-        effort,
-    )
+    let factored = Factored::new(&block_rows::<R, D>(matrix)?, matrix.columns);
+    let factored = factored
+        .ok_or_else(|| ProblemError::new_err("a contact touches more than two bodies: give A"))?;
+    with_law(py, factored, question, effort)
 }
 
 fn explicit<'py, const R: usize>(
@@ -194,6 +193,8 @@ fn with_law<'py, const R: usize, A: Delassus<R> + Send>(
     effort: &Effort<'py>,
 ) -> PyResult<Answer<'py>> {
     match effort.law.as_str() {
+        // With one row they are all the same.
+        _ if R == 1 => sweep(py, delassus, &Coulomb, question, effort),
         "coulomb" => sweep(py, delassus, &Coulomb, question, effort),
         "cone" => sweep(py, delassus, &ConvexCone, question, effort),
         "polygon" => {
@@ -222,7 +223,7 @@ fn with_law<'py, const R: usize, A: Delassus<R> + Send>(
 
 fn sweep<'py, const R: usize, A: Delassus<R> + Send, L: Law<R>>(
     py: Python<'py>,
-    mut delassus: A,
+    delassus: A,
     law: &L,
     question: &Question<'py>,
     effort: &Effort<'py>,
@@ -242,7 +243,7 @@ fn sweep<'py, const R: usize, A: Delassus<R> + Send, L: Law<R>>(
         signal = Python::attach(|py| py.check_signals()).err();
         signal.is_none()
     };
-    let outcome = py.detach(|| solve(&mut delassus, law, &problem, &start, &settings, &mut go_on));
+    let outcome = py.detach(|| solve(&delassus, law, &problem, &start, &settings, &mut go_on));
     if let Some(signal) = signal {
         return Err(signal);
     }
