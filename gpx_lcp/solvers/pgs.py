@@ -1,4 +1,4 @@
-"""Projected block Gauss-Seidel: visit the contacts in order, solve each one exactly, repeat; the sweeps run in Rust.
+"""Projected block Gauss-Seidel: visit the contacts one by one, solve each one exactly, repeat; the sweeps run in Rust.
 
 With the other contacts held, contact i has the velocity u_i = A_ii p_i + b_i, and the formulation's own law makes that
 a problem of at most three unknowns: p_i = 0 (separate), u_i = 0 (stick) or the boundary of the cone (slide), of which
@@ -12,6 +12,10 @@ contacts make it cycle, a relaxation of 0.7 often ends that.
 A tower of n cubes whose contacts stick bends like a beam, and its sweeps grow with n⁴. The setting `acceleration`
 sweeps there and back and extrapolates (nonsmooth nonlinear conjugate gradients): a tower of 30 then takes thousands to
 tens of thousands of sweeps to 1e-6 instead of millions. It is off unless asked for: a few sweeps gain nothing from it.
+
+Contacts that share no body do not feel each other, so that their order does not matter: a system of bodies is swept by
+colours, four pairs of bodies abreast in the lanes of a register, and by as many threads as the setting `threads` says.
+Their number changes no bit of the result. A system given by A is swept in its own order, by one thread.
 
 Sources: M. Jean, J. J. Moreau, *Unilaterality and dry friction in the dynamics of rigid body collections*, Contact
 Mechanics International Symposium (1992); V. Acary, M. Brémond, O. Huber, INRIA RR-9118 (2018), algorithm NSGS; M.

@@ -54,20 +54,20 @@ def test_the_rest_of_a_tower_falls_by_itself_when_a_cube_is_removed(settings):
 
 @pytest.mark.parametrize("solver", ["newton", "pgs"])
 def test_what_still_touches_starts_warm_after_other_bodies_came_and_went(solver):
-    """Two towers side by side: the change of one costs the other nothing."""
+    """What came and went touched nothing: the tower's step costs what it costs in a world that nobody changed."""
     scene = gpx.scenes.tower(6)
     scene.add_static(gpx.Box(1, 1, 0.1), position=(5, 0, 1), name="shelf")
     passer_by = scene.add_rigid(gpx.Sphere(0.1), 1.0, position=(9, 0, 9), name="passer-by")
-    world = gpx.World(scene, DT, solver=solver, tolerance=1e-6)
+    unchanged, world = (gpx.World(scene, DT, solver=solver, tolerance=1e-6) for _ in range(2))
+    unchanged.step(41)
     world.step(40)
-    settled = world.solution.iterations
     world.remove(passer_by)
     world.remove("shelf")
     world.add(gpx.Scene().add_static(gpx.Box(1, 1, 0.1), position=(-5, 0, 1), name="other shelf"))
     world.add(cube(40))
     impulse = world.contacts.impulse
     world.step()
-    assert world.solution.iterations <= settled + 1
+    assert world.solution.iterations <= unchanged.solution.iterations + 1
     assert world.contacts.impulse == pytest.approx(impulse, abs=1e-6)
 
 
