@@ -15,6 +15,8 @@ from gpx_lcp._core import BUILD_PROFILE
 from gpx_lcp.contacts import Contacts
 from gpx_lcp.errors import BackendError, BackendMissing, GpxLcpError, ProblemError, SettingsError
 from gpx_lcp.fclib import FclibProblem, read_fclib, write_fclib
+from gpx_lcp.impact import impact
+from gpx_lcp.impact_laws import LAWS, Impact
 from gpx_lcp.materials import Material
 from gpx_lcp.scene import Body, Scene
 from gpx_lcp.shapes import Box, Capsule, ConvexHull, Cylinder, HalfSpace, Shape, Sphere
@@ -26,6 +28,7 @@ from gpx_lcp.world import World
 
 __all__ = [
     "BUILD_PROFILE",
+    "LAWS",
     "LCP",
     "BackendError",
     "BackendMissing",
@@ -40,6 +43,7 @@ __all__ = [
     "FclibProblem",
     "GpxLcpError",
     "HalfSpace",
+    "Impact",
     "LCPSolution",
     "Material",
     "ProblemError",
@@ -53,6 +57,7 @@ __all__ = [
     "Status",
     "World",
     "certify",
+    "impact",
     "minimum_norm",
     "read_fclib",
     "scenes",

@@ -78,7 +78,7 @@ class Bodies:
         cls,
         moving: int,
         shapes: Sequence[tuple[str, _Floats]],
-        materials: Sequence[tuple[float, int, float, int]],
+        materials: Sequence[tuple[float, int, tuple[float, float], int]],
         masses: _Floats,
         inertias: _Floats,
         fixed_poses: _Floats,
@@ -94,7 +94,7 @@ class Bodies:
         contacts: Contacts,
         free_velocities: _Floats,
         time_step: float,
-        gravity: float,
+        impact_speed: float,
         rows: int,
         columns: int,
     ) -> Stack: ...
@@ -149,6 +149,10 @@ class Stack:
     def target(self) -> _Floats: ...
     @property
     def friction(self) -> _Floats: ...
+    @property
+    def restitution(self) -> _Floats: ...
+    @property
+    def impacts(self) -> npt.NDArray[np.bool_]: ...
 
 @final
 class Step:

@@ -118,9 +118,10 @@ def _core_bodies(moving: tuple[Body, ...], fixed: tuple[Body, ...]) -> _core.Bod
             return "none", np.zeros(0)
         return body.shape.kind, np.ascontiguousarray(body.shape.numbers(), dtype=np.float64)
 
-    def material(body: Body) -> tuple[float, int, float, int]:
+    def material(body: Body) -> tuple[float, int, tuple[float, float], int]:
         m = body.material
-        return m.friction, COMBINE_RULES.index(m.friction_rule), m.elasticity, COMBINE_RULES.index(m.elasticity_rule)
+        elasticity = (m.elasticity, m.tangential_elasticity)
+        return m.friction, COMBINE_RULES.index(m.friction_rule), elasticity, COMBINE_RULES.index(m.elasticity_rule)
 
     everybody = moving + fixed
     return _core.Bodies(

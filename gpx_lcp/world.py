@@ -15,6 +15,7 @@ Every stage but the solver runs in the core; the solver is any of `gpx.solvers()
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 from os import PathLike
 from pathlib import Path
@@ -30,6 +31,7 @@ from formulations.checks import Array, as_array, freeze
 from gpx_lcp import _core
 from gpx_lcp.contacts import Contacts
 from gpx_lcp.errors import ProblemError, SettingsError
+from gpx_lcp.impact_laws import Stage, checked_impact_speed, impact_stage, law_named
 from gpx_lcp.inhabitants import Inhabitants, table
 from gpx_lcp.instant import Instant
 from gpx_lcp.native import NativeSolver
@@ -58,6 +60,10 @@ class World:
         As in `gpx.solve`; the solver stops there, or at `iterations`.
     warm_start : bool
         Start each step from the impulses of the last, contact by contact, where the solver can.
+    impact_law : str
+        How bodies rebound: "newton", "poisson", "energy_safe" or "sequential", see `gpx.LAWS`.
+    impact_speed : float, optional, m/s
+        Elasticity acts in contacts that close faster; unless given, 2 g dt, twice what gravity gives bodies at rest.
     **settings
         The solver's own, e.g. `relaxation` of "pgs".
 
@@ -79,8 +85,14 @@ class World:
     * With a solver of the core itself ("pgs", "newton", "interior_point") `step(n)` is one call: the steps cost no
       Python, and other threads run meanwhile. Results do not depend on how n is divided. Any other solver is called
       from Python once a step. `solution` is of the last step; `unsolved_steps` counts those above the tolerance.
-    * An impact of pair elasticity e > 1 leaves with (e - 1) times the closing speed of the step's start, if that is
-      above 2 g dt; it happens in the step that would close the gap, up to one step's travel above the surface.
+    * A contact whose pair has an elasticity above 1 is an impact in the step that would close its gap, up to one step's
+      travel above the surface, if it closes faster than `impact_speed` at the step's start; `solution.method` then
+      names the law. Newton's law is in the step's program, also in the core's own steps: the contact leaves with e - 1
+      times its closing speed.
+    * The core has no other law: with one, a world is stepped stage by stage, and the impacts have a stage before the
+      step's program, with Coulomb's law solved exactly whatever the solver of the step (without friction where the
+      formulation is "normal"). `solution` is then of what they left to do, `solution.extras["impact"]` is the `Impact`,
+      and `contacts` holds the impulses of both.
 
     Raises
     ------
@@ -98,6 +110,8 @@ class World:
         iterations: int | None = None,
         tolerance: float = 1e-8,
         warm_start: bool = True,
+        impact_law: str = "newton",
+        impact_speed: float | None = None,
         **settings: Any,
     ) -> None:
         if not isinstance(scene, Scene):
@@ -118,6 +132,8 @@ class World:
             "iterations": iterations,
             "tolerance": tolerance,
             "warm_start": warm_start,
+            "impact_law": impact_law,
+            "impact_speed": impact_speed,
             **settings,
         }
         # One contact, solved, finds whatever is wrong with the settings before the first step does.
@@ -125,6 +141,8 @@ class World:
         if not isinstance(warm_start, bool):
             raise SettingsError(f"warm_start is {warm_start!r}: it must be True or False")
         self._warm_start = warm_start and solvers()[solver].warm_starts
+        self._law = law_named("impact_law", impact_law)
+        self._impact_speed = None if impact_speed is None else checked_impact_speed(impact_speed)
 
         bodies = scene.bodies
         self._inhabit(Inhabitants.of(bodies, scene.fixed))
@@ -217,6 +235,13 @@ class World:
     @gravity.setter
     def gravity(self, value: npt.ArrayLike) -> None:
         self._gravity = freeze(as_array("gravity", value, (3,)))
+
+    @property
+    def impact_speed(self) -> float:
+        """The closing speed above which elasticity acts, m/s."""
+        if self._impact_speed is not None:
+            return self._impact_speed
+        return 2.0 * float(np.linalg.norm(self._gravity)) * self._time_step
 
     @property
     def forces(self) -> Array:
@@ -489,6 +514,22 @@ class World:
         free = self._free_velocities()
         return self._system(self._stack(self._detect(free), free))
 
+    def collision(self) -> tuple[StackedSystem, Array]:
+        """Return the system, B = -J v, and the restitutions (n, 2) of what touches now and moves as it does now."""
+        velocities = self._now.state.velocities
+        contacts = self._detect(np.zeros_like(velocities))
+        stack = self._stack(contacts, velocities)
+        step = self._system(stack)
+        assert step.jacobian is not None and step.free_velocity is not None
+        system = StackedSystem.from_jacobian(
+            step.jacobian,
+            stack.inverse_mass(),
+            -(step.jacobian @ step.free_velocity),
+            step.friction,
+            free_velocity=step.free_velocity,
+        )
+        return system, stack.restitution
+
     @property
     def contacts(self) -> Contacts:
         """The contacts of the last step with their impulses; before the first step, those of the start without any."""
@@ -514,7 +555,7 @@ class World:
 
     def _inhabit(self, inhabitants: Inhabitants) -> None:
         self._inhabitants = inhabitants
-        self._native = NativeSolver.of(inhabitants.rows, self._effort)
+        self._native = NativeSolver.of(inhabitants.rows, self._effort) if self._law.in_core else None
         self._native_settings = {} if self._native is None else self._native.settings()
 
     def _free_velocities(self) -> Array:
@@ -531,13 +572,12 @@ class World:
         return self._inhabitants.core.detect(self._now.state, free, self._time_step)
 
     def _stack(self, contacts: _core.Contacts, free: Array) -> _core.Stack:
-        strength = float(np.linalg.norm(self._gravity))
         return self._inhabitants.core.stack(
             self._now.state,
             contacts,
             free,
             self._time_step,
-            strength,
+            self.impact_speed,
             self._inhabitants.rows,
             self._inhabitants.columns,
         )
@@ -562,23 +602,46 @@ class World:
         free = self._free_velocities()
         contacts = self._detect(free)
         stack = self._stack(contacts, free)
-        system = self._system(stack)
+        system, stage = self._system(stack), None
+        if not self._law.in_core and stack.impacts.any():
+            stage = self._impacts(system, stack, contacts)
+            system = stage.system
         start = None
         if self._warm_start and now.contacts is not None:
             last = now.start_impulse(3, self._time_step)
             start = self._inhabitants.core.match_impulses(contacts, now.contacts, last)[:, : system.rows]
         solution = solve(system, warm_start=start, **self._effort)
-        state = self._inhabitants.core.moved(now.state, contacts, stack, solution.impulse.ravel(), self._time_step)
+        failed, impulse = solution.status is not Status.SOLVED, solution.impulse
+        if stage is not None:
+            failed, impulse = failed or stage.impact.status is not Status.SOLVED, impulse + stage.impulse
+            solution = replace(solution, extras={**solution.extras, "impact": stage.impact})
+        solution = self._naming_the_law(stack, solution)
+        state = self._inhabitants.core.moved(now.state, contacts, stack, impulse.ravel(), self._time_step)
         self._require_finite(np.hstack((state.positions, state.orientations, state.velocities)))
         return Instant(
             steps=now.steps + 1,
-            unsolved=now.unsolved + (solution.status is not Status.SOLVED),
+            unsolved=now.unsolved + failed,
             state=state,
             time_step=self._time_step,
             contacts=contacts,
-            impulse=solution.impulse,
+            impulse=impulse,
             solution=lambda: solution,
         )
+
+    def _impacts(self, system: StackedSystem, stack: _core.Stack, contacts: _core.Contacts) -> Stage:
+        """Let the impact law have its stage."""
+        velocities = self._now.state.velocities[:, : self._inhabitants.columns].ravel()
+        found = contacts.gaps, stack.restitution, stack.impacts
+        frictionless = self._effort["formulation"] == "normal"
+        return impact_stage(
+            self._law, system, velocities, found, self.impact_speed, self._time_step, frictionless=frictionless
+        )
+
+    def _naming_the_law(self, stack: _core.Stack, solution: Solution) -> Solution:
+        """Return the solution of a step, with the law of its impacts in its method if there are any."""
+        if not stack.impacts.any():
+            return solution
+        return replace(solution, method=f"{self._law.name} impact, {solution.method}")
 
     def _take_native_steps(self, native: NativeSolver, count: int) -> None:
         """Take steps in one call of the core; whatever ends it early, the whole steps before that count."""
@@ -586,6 +649,7 @@ class World:
         asked = {
             "time_step": self._time_step,
             "gravity": self._gravity_numbers(),
+            "impact_speed": self.impact_speed,
             "forces": as_array("forces", self._forces, (len(self.bodies), 6)),
             "rows": self._inhabitants.rows,
             "columns": self._inhabitants.columns,
@@ -608,7 +672,9 @@ class World:
                 time_step=self._time_step,
                 contacts=step.contacts,
                 impulse=step.impulse,
-                solution=cache(lambda: native.solution(step, self._system(step.stack))),
+                solution=cache(
+                    lambda: self._naming_the_law(step.stack, native.solution(step, self._system(step.stack)))
+                ),
                 step=step,
             )
         if body is not None:

@@ -29,8 +29,8 @@ pub struct Bodies {
 pub struct Material {
     pub friction: f64,
     pub friction_rule: CombineRule,
-    /// 1 plastic to 2 elastic: one more than the coefficient of restitution.
-    pub elasticity: f64,
+    /// Along the normal and along the tangents, 1 plastic to 2 elastic: one more than the coefficient of restitution.
+    pub elasticity: [f64; 2],
     pub elasticity_rule: CombineRule,
 }
 
@@ -115,12 +115,15 @@ impl Bodies {
         rule.combine([a.friction, b.friction], masses)
     }
 
-    /// Restitution of a pair, elasticity - 1; the rules act on the restitutions.
-    pub fn restitution(&self, pair: [u32; 2]) -> f64 {
+    /// Restitutions of a pair, elasticity - 1, normal and tangential; the rules act on the restitutions.
+    pub fn restitution(&self, pair: [u32; 2]) -> [f64; 2] {
         let [a, b] = pair.map(|body| self.materials[body as usize]);
         let rule = a.elasticity_rule.max(b.elasticity_rule);
         let masses = pair.map(|body| self.mass_or_infinity(body as usize));
-        rule.combine([a.elasticity - 1.0, b.elasticity - 1.0], masses)
+        [0, 1].map(|axis| {
+            let [x, y] = [a, b].map(|material| material.elasticity[axis] - 1.0);
+            rule.combine([x, y], masses)
+        })
     }
 }
 

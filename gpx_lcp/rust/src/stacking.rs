@@ -7,14 +7,14 @@
 //! B_n = -(J v_free)_n - gap/dt                    for an open gap: it may close, and no more
 //! B_n = -(J v_free)_n                             for bodies that touch or overlap
 //! B_n = -(J v_free)_n - (e - 1) (J v)_n           for an impact of elasticity e, v from before the step
-//! B_t = -(J v_free)_t
+//! B_t = -(J v_free)_t                             and - (e_t - 1) (J v)_t more for an impact of tangential elasticity e_t
 //! ```
 //!
 //! so that the normal velocity after the step, J v_free + A p, is at least -gap/dt, 0 or the rebound speed, and the
 //! tangential one is what friction brings to zero (Moreau's law on velocities; Newton's law of impact).
 //!
 //! A contact is an impact where the free motion would close its gap within the step and the closing speed (J v)_n is
-//! above 2 g dt, which gravity alone gives to resting bodies: they never bounce.
+//! above the world's impact speed. Gravity gives resting bodies g dt, so that above 2 g dt they never bounce.
 
 use parry3d_f64::math::{Matrix, Pose, Vector};
 
@@ -35,6 +35,9 @@ pub struct Stack {
     /// The velocities of the bodies after every force but contact.
     pub free: Vec<Twist>,
     pub friction: Vec<f64>,
+    /// e - 1 of each contact's pair, along the normal and along the tangents, and whether the contact is an impact.
+    pub restitution: Vec<[f64; 2]>,
+    pub impacts: Vec<bool>,
     /// d_i = max diag A_ii of each contact, 1/kg.
     pub scale: Vec<f64>,
     /// L of each moving body.
@@ -62,8 +65,8 @@ pub struct Motion<'a> {
     /// After every force but contact.
     pub free: &'a [Twist],
     pub time_step: f64,
-    /// |g|, m/s².
-    pub gravity: f64,
+    /// Closing speed above which a contact is an impact, m/s.
+    pub impact_speed: f64,
 }
 
 impl Stack {
@@ -184,6 +187,8 @@ pub fn stack(
     result.free.clear();
     result.free.extend_from_slice(motion.free);
     result.friction.clear();
+    result.restitution.clear();
+    result.impacts.clear();
     result.scale.clear();
     result.roots.clear();
     let moving = motion.poses.iter().enumerate();
@@ -194,7 +199,7 @@ pub fn stack(
     let size = 2 * contacts.len() * rows * columns;
     result.blocks.reserve(size);
     result.whitened.reserve(size);
-    let (mut pair, mut friction, mut restitution) = ([u32::MAX; 2], 0.0, 0.0);
+    let (mut pair, mut friction, mut restitution) = ([u32::MAX; 2], 0.0, [0.0; 2]);
     for contact in contacts {
         let mut diagonal = [0.0; 3];
         for (body, sign) in [(contact.bodies[0], -1.0), (contact.bodies[1], 1.0)] {
@@ -230,22 +235,31 @@ pub fn stack(
             (friction, restitution) = (bodies.friction(pair), bodies.restitution(pair));
         }
         result.friction.push(friction);
+        result.restitution.push(restitution);
         result.scale.push(diagonal.into_iter().fold(0.0, f64::max));
 
         let free = relative_velocity(bodies, contact, motion.poses, motion.free);
-        let closing = relative_velocity(bodies, contact, motion.poses, motion.velocities)
-            .dot(contact.frame[0]);
+        let before = relative_velocity(bodies, contact, motion.poses, motion.velocities);
+        let closing = before.dot(contact.frame[0]);
         let normal = free.dot(contact.frame[0]);
-        let impact = restitution > 0.0
+        let [bounce, reversal] = restitution;
+        let impact = (bounce > 0.0 || reversal > 0.0)
             && contact.gap + motion.time_step * normal < 0.0
-            && closing < -2.0 * motion.gravity * motion.time_step;
-        result.b.push(if impact {
-            -normal - restitution * closing
+            && closing < -motion.impact_speed;
+        result.impacts.push(impact);
+        result.b.push(if impact && bounce > 0.0 {
+            -normal - bounce * closing
         } else {
             -normal - contact.gap.max(0.0) / motion.time_step
         });
-        let tangents = &contact.frame[1..rows];
-        result.b.extend(tangents.iter().map(|t| -free.dot(*t)));
+        let tangents = contact.frame[1..rows].iter();
+        if impact && reversal > 0.0 {
+            result
+                .b
+                .extend(tangents.map(|t| -free.dot(*t) - reversal * before.dot(*t)));
+        } else {
+            result.b.extend(tangents.map(|t| -free.dot(*t)));
+        }
     }
 }
 

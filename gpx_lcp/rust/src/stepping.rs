@@ -15,6 +15,8 @@ use crate::stacking::{Layout, Motion, Stack, stack};
 pub struct Conditions {
     pub time_step: f64,
     pub gravity: Vector,
+    /// Closing speed above which elasticity acts, m/s.
+    pub impact_speed: f64,
     pub forces: Vec<Twist>,
     pub layout: Layout,
     /// How a step is solved whose contacts have friction, and one whose contacts have none.
@@ -89,7 +91,7 @@ pub fn step(
         velocities,
         free: &free,
         time_step,
-        gravity: gravity.length(),
+        impact_speed: conditions.impact_speed,
     };
     stack(
         bodies,

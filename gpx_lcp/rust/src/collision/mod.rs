@@ -235,7 +235,7 @@ mod tests {
         let material = Material {
             friction: 0.5,
             friction_rule: CombineRule::GeometricMean,
-            elasticity: 1.0,
+            elasticity: [1.0; 2],
             elasticity_rule: CombineRule::CentreOfMass,
         };
         Bodies {

@@ -242,6 +242,22 @@ impl Stack {
     fn friction<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         PyArray1::from_slice(py, &self.0.friction)
     }
+
+    /// (n, 2), e - 1 of each contact's pair, normal and tangential.
+    #[getter]
+    fn restitution<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        table(
+            py,
+            self.0.restitution.iter().flatten().copied().collect(),
+            2,
+        )
+    }
+
+    /// (n,), whether elasticity acts in the contact.
+    #[getter]
+    fn impacts<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
+        PyArray1::from_slice(py, &self.0.impacts)
+    }
 }
 
 pub fn same_length(name: &str, have: usize, want: usize) -> PyResult<()> {

@@ -29,7 +29,7 @@ impl Bodies {
     fn new(
         moving: usize,
         shapes: Vec<(String, Floats<'_>)>,
-        materials: Vec<(f64, usize, f64, usize)>,
+        materials: Vec<(f64, usize, [f64; 2], usize)>,
         masses: Floats<'_>,
         inertias: Table<'_>,
         fixed_poses: Table<'_>,
@@ -145,7 +145,7 @@ impl Bodies {
         contacts: &Contacts,
         free_velocities: Table<'_>,
         time_step: f64,
-        gravity: f64,
+        impact_speed: f64,
         rows: usize,
         columns: usize,
     ) -> PyResult<Stack> {
@@ -159,7 +159,7 @@ impl Bodies {
                 velocities: &state.0.velocities,
                 free: &free,
                 time_step,
-                gravity,
+                impact_speed,
             };
             stacking::stack(&self.0, &contacts.contacts, &motion, layout, &mut stack);
         });

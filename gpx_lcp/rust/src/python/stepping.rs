@@ -29,6 +29,8 @@ pub struct Asked<'py> {
     #[pyo3(item)]
     gravity: [f64; 3],
     #[pyo3(item)]
+    impact_speed: f64,
+    #[pyo3(item)]
     forces: Table<'py>,
     #[pyo3(item)]
     rows: usize,
@@ -86,6 +88,7 @@ pub fn take_steps(
     let conditions = Conditions {
         time_step: asked.time_step,
         gravity: Vector::from_array(asked.gravity),
+        impact_speed: asked.impact_speed,
         forces: bodies.twists("forces", &asked.forces)?,
         layout: layout(asked.rows, asked.columns)?,
         with_friction: effort(&asked.with_friction, asked.tolerance)?,
