@@ -22,6 +22,7 @@ from gpx_lcp.shapes import Box, ConvexHull, Cylinder, HalfSpace, Sphere
 
 __all__ = [
     "arch",
+    "break_shot",
     "bricks",
     "card_house",
     "column",
@@ -30,8 +31,10 @@ __all__ = [
     "heavy_on_light",
     "incline",
     "pyramid",
+    "rocking_block",
     "rolling_sphere",
     "sphere_pile",
+    "superball",
     "swinging_gravity",
     "table",
     "tower",
@@ -147,17 +150,74 @@ def incline(angle: float, friction: float) -> Scene:
     return scene
 
 
-def cradle(n: int, elasticity: float = 2.0) -> Scene:
-    """Return Newton's cradle without strings: `n` balls of 1 kg that touch in a row, no gravity, the first at 1 m/s.
+def cradle(n: int, elasticity: float = 2.0, masses: Sequence[float] | None = None) -> Scene:
+    """Return Newton's cradle without strings: `n` balls that touch in a row, no gravity, the first at 1 m/s.
 
-    As one stacked system with elasticity 2 the first ball leaves with -(n - 2)/n and every other with 2/n, where nature
-    gives 1 to the last alone.
+    They weigh 1 kg, or what `masses` says. As one stacked system (impact law "newton") with elasticity 2 and equal
+    masses the first ball leaves with -(n - 2)/n and every other with 2/n, where nature, and the law "sequential", give
+    1 to the last alone.
     """
     scene = Scene(gravity=(0.0, 0.0, 0.0))
     material = Material(friction=0.0, elasticity=elasticity)
+    if masses is not None and len(masses) != _count("n", n, 2):
+        raise ProblemError(f"masses has {len(masses)} entries, but n is {n}")
     for k in range(_count("n", n, 2)):
-        speed = 1.0 if k == 0 else 0.0
-        scene.add_rigid(Sphere(0.5), 1.0, position=(float(k), 0.0, 0.0), velocity=(speed, 0.0, 0.0), material=material)
+        speed, mass = 1.0 if k == 0 else 0.0, 1.0 if masses is None else masses[k]
+        scene.add_rigid(Sphere(0.5), mass, position=(float(k), 0.0, 0.0), velocity=(speed, 0.0, 0.0), material=material)
+    return scene
+
+
+def break_shot(elasticity: float = 2.0) -> Scene:
+    """Return three equal balls without friction: the first, at 1 m/s along +x, meets two that touch each other.
+
+    It strikes both at once, at 30° to its path, and all three touch. With elasticity 2 energy and symmetry leave one
+    answer: -1/5 for the first, (3/5, ±√3/5) for the others.
+    """
+    scene = Scene(gravity=(0.0, 0.0, 0.0))
+    material = Material(friction=0.0, elasticity=elasticity)
+    for x, y, speed in ((-0.5 * math.sqrt(3.0), 0.0, 1.0), (0.0, 0.5, 0.0), (0.0, -0.5, 0.0)):
+        scene.add_rigid(Sphere(0.5), 1.0, position=(x, y, 0.0), velocity=(speed, 0.0, 0.0), material=material)
+    return scene
+
+
+def superball(spin: float = 10.0, elasticity: float = 2.0, tangential_elasticity: float = 2.0) -> Scene:
+    """Return a ball of 1 kg and radius 0.5 m that touches the ground at 2 m/s downwards, with `spin` rad/s about +y.
+
+    Friction 2. With tangential elasticity 2 the contact point reverses its velocity: the ball leaves with 4/7 r spin
+    along +x and turns with -3/7 spin; with 1 it leaves rolling, with 2/7 r spin and 2/7 spin.
+    """
+    scene = Scene()
+    material = Material(2.0, elasticity, tangential_elasticity=tangential_elasticity)
+    scene.add_static(HalfSpace(), material=material, name="ground")
+    scene.add_rigid(
+        Sphere(0.5),
+        1.0,
+        position=(0.0, 0.0, 0.5),
+        velocity=(0.0, 0.0, -2.0),
+        angular_velocity=(0.0, spin, 0.0),
+        material=material,
+    )
+    return scene
+
+
+def rocking_block(elasticity: float = 1.0, friction: float = 1.0) -> Scene:
+    """Return a block of 1 × 1 × 3 m and 1 kg that stands on the ground and turns about its left edge, at 1 rad/s.
+
+    It has rocked back: its right edge strikes, its left edge rests. Plastic, without sliding, it goes on about the
+    right edge with 1 - 3/2 sin²α of its spin, tan α = 1/3: 0.85.
+
+    Source: G. W. Housner, *The behavior of inverted pendulum structures during earthquakes*, Bull. Seismol. Soc. Am. 53
+    (1963).
+    """
+    scene, material = _on_ground(friction, elasticity)
+    scene.add_rigid(
+        Box(1, 1, 3),
+        1.0,
+        position=(0.0, 0.0, 1.5),
+        velocity=(1.5, 0.0, -0.5),
+        angular_velocity=(0.0, 1.0, 0.0),
+        material=material,
+    )
     return scene
 
 

@@ -161,3 +161,21 @@ class DoublePendulum:
     def energy(self, spin: Array) -> float:
         """Return the kinetic energy, J."""
         return 0.5 * float(spin @ self.mass @ spin)
+
+
+def random_linkage(seed: int) -> tuple[gpx.StackedSystem, Array, Array]:
+    """Return a random linkage that strikes in 2 to 4 rough points at once, with their elasticities.
+
+    It has 2 to 4 coordinates with a unit mass matrix, and J of normal numbers: a linkage of bodies on joints has such
+    systems, in which every contact moves every other. All contacts close.
+    """
+    rng = np.random.default_rng(seed)
+    n, coordinates = int(rng.integers(2, 5)), int(rng.integers(2, 5))
+    jacobian = rng.normal(size=(n, 2, coordinates))
+    velocity = rng.normal(size=coordinates)
+    jacobian *= np.where(jacobian[:, 0] @ velocity > 0.0, -1.0, 1.0)[:, None, None]
+    flat = jacobian.reshape(2 * n, coordinates)
+    system = gpx.StackedSystem.from_jacobian(
+        flat, np.ones(coordinates), -flat @ velocity, rng.uniform(0.0, 1.0, n), free_velocity=velocity
+    )
+    return system, rng.uniform(1.0, 2.0, n), rng.uniform(1.0, 2.0, n)

@@ -14,7 +14,9 @@ closed, and friction brakes: λ·u_c ≤ 0, hence λᵀA λ ≤ -λ·u⁻. The i
 
 They lie in the cones, and with s = max e they fulfil the first two constraints where all contacts close, as then
 u_n⁺ = s u_c - (s - 1) u_n⁻ ≥ (s - 1) |u_n⁻|. Elsewhere s is the largest for which none overlaps, and the sums ask for
-no more than s λ reaches. So s λ is always admitted, and what minimises the energy has no more of it than s λ.
+no more than s λ reaches. So s λ is always admitted, and what minimises the energy has no more of it than s λ. Where
+tangential elasticity asks for more, λ_t may be scaled by more than λ_n: if the outcome, measured, gains no energy
+either and leaves no normal velocity smaller, it stands for s λ in all this.
 
 Source: S. Rakshit, A. Chatterjee, *Scalar generalization of Newtonian restitution for simultaneous impact*, Int. J.
 Mech. Sci. 103 (2015), of which we have read the abstract: a single scalar inequality weighted with the help of local
@@ -35,8 +37,8 @@ from gpx_lcp.impact_laws._interface import Collision, ImpactLaw, Impulses
 from gpx_lcp.solution import Solution
 
 # Method of multipliers: passes at most, and the weight of the penalty as a multiple of 1/max (A_nn)_ii.
-PASSES: Final = 60
-PENALTY: Final = 1e4
+PASSES: Final = 200
+PENALTY: Final = 1e2
 # Nothing below is asked of the programs within.
 LEAST_TOLERANCE: Final = 1e-13
 
@@ -48,7 +50,7 @@ def run(collision: Collision) -> Impulses:
     restitution = collision.acting(closing)
     if not restitution.any():
         return Impulses(plastic.impulse, (plastic,))
-    safe = _scale(collision, plastic.impulse, float(restitution.max())) * plastic.impulse
+    safe = _safe(collision, plastic.impulse, restitution.max(axis=0))
     matrix, least = _inequalities(collision, restitution, safe)
     impulse, solutions, violation = _minimise(collision, matrix, least, safe)
     found = violation <= collision.tolerance
@@ -56,6 +58,20 @@ def run(collision: Collision) -> Impulses:
         impulse = safe
     impulse = _without_gain(collision, impulse, plastic.impulse)
     return Impulses(impulse, (plastic, *solutions), found, {"violation": violation})
+
+
+def _safe(collision: Collision, plastic: Array, restitution: Array) -> Array:
+    """Return impulses that gain no energy and let no contact overlap, from the plastic λ: s λ, or more of λ_t."""
+    normal, tangential = restitution
+    safe = _scale(collision, plastic, float(normal)) * plastic
+    if tangential <= normal:
+        return np.asarray(safe)
+    more = safe.copy()
+    size = np.linalg.norm(plastic[:, 1:], axis=1)
+    limit = np.where(size > 0.0, collision.friction * safe[:, 0] / np.where(size > 0.0, size, 1.0), 0.0)
+    more[:, 1:] = np.minimum(1.0 + tangential, limit)[:, None] * plastic[:, 1:]
+    kept = collision.apply(more - safe)[:, 0] >= -collision.rounding
+    return more if collision.energy(more) <= 0.0 and kept.all() else np.asarray(safe)
 
 
 def _scale(collision: Collision, plastic: Array, restitution: float) -> float:
