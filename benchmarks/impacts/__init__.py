@@ -1,0 +1,1 @@
+"""The suite `impacts`: what each impact law makes of collisions whose answers are known, or whose balance is."""
