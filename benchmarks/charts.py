@@ -82,9 +82,9 @@ PEER_LOOKS: Mapping[str, Look] = {
     "pybullet": Look("pybullet", PALETTE["vermillion"], "X", 10.0),
     "mujoco": Look("mujoco", PALETTE["purple"], "*", 14.0),
     "rapier": Look("rapier", PALETTE["black"], "P", 10.0),
-    "dart": Look("dart", PALETTE["orange"], "<", 10.0),
-    "drake": Look("drake", PALETTE["sky"], "h", 11.0),
-    "pinocchio": Look("pinocchio", PALETTE["blue"], ">", 10.0),
+    "dart": Look("dart", PALETTE["olive"], "<", 10.0),
+    "drake": Look("drake", PALETTE["wine"], "h", 11.0),
+    "pinocchio": Look("pinocchio", PALETTE["brown"], ">", 10.0),
 }
 
 SHAPES: Mapping[str, str] = {"coulomb": "o", "cone": "^", "pyramid": "D", "box": "s", "normal": "v"}

@@ -22,8 +22,11 @@ PALETTE: Final[Mapping[str, str]] = {
     "vermillion": "#d55e00",
     "purple": "#cc79a7",
     "black": "#22252a",
-    # From Paul Tol's muted scheme, as eight are not enough.
+    # From Paul Tol's muted scheme, and a brown, as eight are not enough.
     "indigo": "#332288",
+    "olive": "#999933",
+    "wine": "#882255",
+    "brown": "#7f5539",
 }
 
 # One colour for each solver of gpx-lcp, in every chart.

@@ -27,7 +27,7 @@ def stiff(name: str) -> Setting:
         "mujoco": ("Newton", "tolerance 1e-10"),
         "rapier": ("small steps", "8 small steps"),
         "dart": ("Dantzig", "pivots"),
-        "drake": ("lagged", "1e9 N/m"),
+        "drake": ("lagged", "1e10 N/m"),
         "pinocchio": ("ADMM", "tolerance 1e-12"),
     }[name]
     found = [s for s in ENGINES[name].settings(False) if (s.solver, s.label) == wanted]
