@@ -6,5 +6,6 @@ from collections.abc import Mapping
 
 from benchmarks.attempts import Suite
 from benchmarks.fclib.suite import Fclib
+from benchmarks.impacts.suite import Impacts
 
-SUITES: Mapping[str, Suite] = {suite.name: suite for suite in (Fclib(),)}
+SUITES: Mapping[str, Suite] = {suite.name: suite for suite in (Fclib(), Impacts())}

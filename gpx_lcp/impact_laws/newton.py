@@ -6,6 +6,9 @@ that is A F dt = B with the paper's B = Σ e_i v_i in each contact's frame. A co
 u_n⁺ = -(e - 1) u_n⁻, one that does not leaves faster; friction drives u_t⁺ to -(e_t - 1) u_t⁻ as far as Coulomb's bound
 lets it. One exact Coulomb problem (one LCP where there is no friction).
 
+Without friction the energy changes by ½ Σ p_i (u_i⁺ + u_i⁻). A contact that bears an impulse and closes with u_i⁻ < 0
+adds ½ p_i (2 - e_i) u_i⁻ ≤ 0; one that separated beforehand adds ½ p_i u_i⁻ > 0, and the sum may be a gain.
+
 Source: M. Policht, *General formula for collision impulse of two material objects in translational motion*, eqs. 1.3
 to 1.5, stacked; J. J. Moreau, *Unilateral contact and dry friction in finite freedom dynamics* (1988).
 """
@@ -28,7 +31,7 @@ LAW = ImpactLaw(
     name="newton",
     summary="closing velocity × elasticity, contact by contact, one program",
     promises="Each contact that bears an impulse leaves with (e - 1) times the speed at which it closed. Without "
-    "friction no energy is gained.",
+    "friction, and where no contact separates beforehand, no energy is gained.",
     breaks="Friction can make it gain energy (Kane's double pendulum). A row of equal balls is no cradle: the first "
     "comes back with (n - 2)/n.",
     run=run,

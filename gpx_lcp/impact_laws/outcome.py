@@ -49,7 +49,7 @@ class Impact:
     solutions : tuple of Solution
         Of the programs, in order.
     extras : mapping
-        The law's own figures: `passes` of "sequential".
+        The law's own figures: `passes` of "sequential" and "energy_safe", the `violation` that the latter ends with.
     """
 
     system: StackedSystem

@@ -13,6 +13,10 @@ Friction leans on the given normal impulse, which is no unknown. It becomes a co
 to a private mass that exactly (e - 1) λ_n stops, and whose tangents are those of the contact: the whole phase is one
 more exact Coulomb problem.
 
+Without friction it never gains energy. Compression loses ½ λᵀA λ. With b = (e - 1) λ and r = b + x, restitution gains
+½ (bᵀA b - xᵀA x), the least of ½ (b + x)ᵀA (b + x) + x·u_c over x ≥ 0; x = λ - b is admitted and gives ½ λᵀA λ, since
+u_c vanishes where λ does not.
+
 Source: Ch. Glocker, F. Pfeiffer, *Multiple impacts with friction in rigid multibody systems*, Nonlinear Dynamics 7
 (1995); Ch. Glocker, *Energetic consistency conditions for standard impacts, part II*, Multibody Syst. Dyn. 32 (2014)
 for the gains of several contacts. Departures: (1) the friction cone instead of its plane section; (2) tangential
