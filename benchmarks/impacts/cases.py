@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -202,8 +202,8 @@ def moving_observer(law: str) -> Finding:
     return Finding(f"{off:.0e} m/s", off <= 1e-12, {"off_by": off})
 
 
-def _unsolved(impacts: Sequence[gpx.Impact] | object) -> int:
-    return sum(impact.status is not gpx.Status.SOLVED for impact in impacts)  # type: ignore[attr-defined]
+def _unsolved(impacts: Iterable[gpx.Impact]) -> int:
+    return sum(impact.status is not gpx.Status.SOLVED for impact in impacts)
 
 
 CASES: Mapping[str, Case] = {

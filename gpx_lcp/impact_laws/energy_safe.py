@@ -138,15 +138,16 @@ def _minimise(collision: Collision, matrix: Array, least: Array, safe: Array) ->
     # The penalty stands in B and A, so that a share of ‖B‖ is more of a velocity than elsewhere.
     tolerance = max(1e-2 * collision.tolerance, LEAST_TOLERANCE)
     program = "cone" if rows > 1 else "normal"
-    weight, violation = PENALTY * largest, np.inf
-    for passes in range(1, PASSES + 1):
+    weight, violation, passes = PENALTY * largest, np.inf, 0
+    while True:
+        passes += 1
         A = energy + weight * squares
         B = start + joined.T @ (multiplier + weight * least)
         solution = collision.solve(B, friction, 0.5 * (A + A.T), formulation=program, tolerance=tolerance)
         residual = joined @ solution.impulse.ravel() - least
         multiplier -= weight * residual
         last, violation = violation, float(np.abs(residual).max()) / size
-        if violation <= collision.tolerance:
+        if violation <= collision.tolerance or passes == PASSES:
             break
         if violation > SLOW * last:
             weight = min(10.0 * weight, LARGEST_PENALTY * largest)
