@@ -98,7 +98,15 @@ class Bodies:
         rows: int,
         columns: int,
     ) -> Stack: ...
-    def moved(self, state: State, contacts: Contacts, stack: Stack, impulse: _Floats, time_step: float) -> State: ...
+    def moved(
+        self,
+        state: State,
+        contacts: Contacts,
+        stack: Stack,
+        forces: _Floats,
+        impulse: _Floats,
+        time_step: float,
+    ) -> State: ...
 
 @final
 class State:

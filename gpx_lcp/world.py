@@ -6,7 +6,8 @@ A step of length dt takes the state (x, v) to the next:
     contacts that v_free may close within dt                                    detection
     A = J M⁻¹ Jᵀ,  B = -(J v_free + gap and impact terms)                       stacking
     p with u = A p - B and the law of contact                                   `gpx.solve`
-    v⁺ = v_free + M⁻¹ Jᵀ p,  x⁺ = x + dt v⁺                                     semi-implicit Euler
+    v⁺ = v_free + M⁻¹ Jᵀ p                                                      velocities
+    x⁺ = x + dt (v + v⁺)/2, or x + dt v⁺ at impacts and under applied forces    positions
 
 Every stage but the solver runs in the core; the solver is any of `gpx.solvers()`. Solvers that the core has itself
 (their row in the table says what `native` kernel they are) run there too: then `step(n)` is one call.
@@ -616,7 +617,8 @@ class World:
             failed, impulse = failed or stage.impact.status is not Status.SOLVED, impulse + stage.impulse
             solution = replace(solution, extras={**solution.extras, "impact": stage.impact})
         solution = self._naming_the_law(stack, solution)
-        state = self._inhabitants.core.moved(now.state, contacts, stack, impulse.ravel(), self._time_step)
+        moved = self._inhabitants.core.moved
+        state = moved(now.state, contacts, stack, self._forces, impulse.ravel(), self._time_step)
         self._require_finite(np.hstack((state.positions, state.orientations, state.velocities)))
         return Instant(
             steps=now.steps + 1,

@@ -29,8 +29,8 @@ const SWEEPS: Settings = Settings {
     threads: 1,
 };
 
-/// The velocities, for this step's poses only, that take out overlap after a step at `velocities`; None where no contact
-/// overlaps by more than is left alone.
+/// The velocities, for this step's poses only, that take out overlap after a step that moves the bodies at `velocities`;
+/// None where no contact overlaps by more than is left alone.
 pub fn position_shift(
     bodies: &Bodies,
     contacts: &[Contact],

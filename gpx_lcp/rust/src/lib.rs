@@ -22,6 +22,7 @@ pub mod gauss_seidel;
 pub mod heading;
 pub mod integration;
 pub mod lanes;
+pub mod mean_motion;
 pub mod polygon;
 pub mod program;
 pub mod small_matrix;

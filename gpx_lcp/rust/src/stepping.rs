@@ -8,6 +8,7 @@ use crate::bodies::{Bodies, State, Twist};
 use crate::collision::{Contact, detect, match_impulses};
 use crate::correction::position_shift;
 use crate::integration::{advance, free_velocities};
+use crate::mean_motion::mean_motion;
 use crate::solving::{Answer, Effort, Interrupted, solve};
 use crate::stacking::{Layout, Motion, Stack, stack};
 
@@ -120,7 +121,8 @@ pub fn step(
     let impulse = &step.answer.impulse;
     step.state = moved(
         bodies,
-        poses,
+        state,
+        &conditions.forces,
         &step.contacts,
         &step.stack,
         impulse,
@@ -142,10 +144,11 @@ pub fn found(
         .map_err(|_| Failure::Detection)
 }
 
-/// The state after the impulses, rows per contact: velocities first, then poses with them and what takes out overlap.
+/// The state after the impulses, rows per contact: velocities first, then poses by them and by what takes out overlap.
 pub fn moved(
     bodies: &Bodies,
-    poses: &[Pose],
+    state: &State,
+    forces: &[Twist],
     contacts: &[Contact],
     stack: &Stack,
     impulse: &[f64],
@@ -155,17 +158,24 @@ pub fn moved(
     for (velocity, free) in velocities.iter_mut().zip(&stack.free) {
         *velocity += *free;
     }
-    let shift = position_shift(bodies, contacts, stack, poses, &velocities, time_step);
-    let poses = match shift {
-        None => advance(poses, &velocities, time_step),
-        Some(mut moving) => {
-            for (shift, velocity) in moving.iter_mut().zip(&velocities) {
-                *shift += *velocity;
-            }
-            advance(poses, &moving, time_step)
-        }
-    };
-    State { poses, velocities }
+    let (poses, free) = (&state.poses, &stack.free);
+    let mut motion = mean_motion(
+        bodies,
+        contacts,
+        state,
+        forces,
+        free,
+        &velocities,
+        time_step,
+    );
+    let shift = position_shift(bodies, contacts, stack, poses, &motion, time_step);
+    for (velocity, shift) in motion.iter_mut().zip(shift.iter().flatten()) {
+        *velocity += *shift;
+    }
+    State {
+        poses: advance(poses, &motion, time_step),
+        velocities,
+    }
 }
 
 fn three_rows(p: &[f64]) -> [f64; 3] {

@@ -173,6 +173,7 @@ impl Bodies {
         state: &State,
         contacts: &Contacts,
         stack: &Stack,
+        forces: Table<'_>,
         impulse: Floats<'_>,
         time_step: f64,
     ) -> PyResult<State> {
@@ -180,9 +181,13 @@ impl Bodies {
         self.check_state(state)?;
         same_length("stack", stack.0.contacts(), contacts.contacts.len())?;
         same_length("impulse", impulse.len(), stack.0.b.len())?;
-        let (poses, contacts) = (&state.0.poses, &contacts.contacts);
-        let moved =
-            py.detach(|| stepping::moved(&self.0, poses, contacts, &stack.0, impulse, time_step));
+        let forces = self.twists("forces", &forces)?;
+        let (bodies, state, contacts) = (&self.0, &state.0, &contacts.contacts);
+        let moved = py.detach(|| {
+            stepping::moved(
+                bodies, state, &forces, contacts, &stack.0, impulse, time_step,
+            )
+        });
         Ok(State(moved))
     }
 
