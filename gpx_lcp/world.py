@@ -83,6 +83,9 @@ class World:
     * Overlap beyond 1e-4 of the smaller body's bounding radius is taken out by a fifth per step through a projection
       of the positions, min ½ ΔxᵀMΔx over J_n Δx ≥ what is asked of each contact. It never enters the velocities: a
       velocity term (Baumgarte) would throw a cube that overlaps by 1 cm up with 0.48 m/s at 240 steps a second.
+    * Positions change by dt (v + v⁺)/2: parabolas are exact, and a block thrown over the ground stops where it should.
+      Bodies that are stopped at a surface in this step, or that `forces` act on, and all that they touch, move by
+      dt v⁺ instead: the mean would take the former into the surface and let springs gain energy.
     * With a solver of the core itself ("pgs", "newton", "interior_point") `step(n)` is one call: the steps cost no
       Python, and other threads run meanwhile. Results do not depend on how n is divided. Any other solver is called
       from Python once a step. `solution` is of the last step; `unsolved_steps` counts those above the tolerance.

@@ -5,7 +5,7 @@
 //! ```
 //!
 //! with a_k a share of what contact k overlaps by at the end of the step, and minus the gap where it has one. It is the
-//! frictionless program with a/dt for B, and a few sweeps do: what they leave, the next step takes out.
+//! frictionless program with a/dt for B; what its sweeps leave, the next step takes out.
 
 use parry3d_f64::math::Pose;
 
@@ -20,12 +20,14 @@ use crate::stacking::{Stack, relative_velocity};
 const SLOP: f64 = 1e-4;
 /// The share of the overlap beyond that which one step takes out.
 const CORRECTION: f64 = 0.2;
+/// Sweeps end early in most steps. Where they are cut short, what is lifted is tilted a little, and tilted bodies are
+/// pushed aside: ten cubes, 1 cm in each other, end 0.7 mm beside their line after 20 sweeps a step, and on it after 200.
 const SWEEPS: Settings = Settings {
     tolerance: 1e-8,
-    max_sweeps: 20,
+    max_sweeps: 200,
     time_limit: None,
     relaxation: 1.0,
-    acceleration: false,
+    acceleration: true,
     threads: 1,
 };
 
