@@ -167,6 +167,7 @@ impl Bodies {
     }
 
     /// The state after the impulses, rows per contact.
+    #[allow(clippy::too_many_arguments)]
     fn moved(
         &self,
         py: Python<'_>,
