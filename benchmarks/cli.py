@@ -89,7 +89,7 @@ def _add_stacks(suites: Suites) -> None:
         "--steps", type=positive, metavar="N", help="warm steps after the cold first one (240; quick: 20)"
     )
     suite.add_argument(
-        "--time-limit", type=seconds, metavar="S", help="per setting and scene, all repeats (1.5; quick: 0.3)"
+        "--time-limit", type=seconds, metavar="S", help="per setting and scene, all repeats (1; quick: 0.3)"
     )
     suite.add_argument(
         "--picture", type=Path, metavar="PATH", help="also write the cold-start chart to PATH.png and PATH.svg"
@@ -133,7 +133,7 @@ def _run_stacks(asked: argparse.Namespace, console: Console) -> Results | None:
         engines=_engines(asked.peer),
         repeats=asked.repeats or (2 if asked.quick else 3),
         steps=asked.steps or (20 if asked.quick else 240),
-        time_limit=asked.time_limit or (0.3 if asked.quick else 1.5),
+        time_limit=asked.time_limit or (0.3 if asked.quick else 1.0),
         quick=asked.quick,
         out=asked.out / stacks.NAME,
         picture=asked.picture,

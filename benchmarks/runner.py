@@ -147,7 +147,9 @@ def _try_once(attempt: Attempt, scene: gpx.Scene, bodies: Bodies, engine: Engine
 def _simulate(trial: Trial, scene: gpx.Scene, bodies: Bodies, engine: Engine, attempt: Attempt, plan: Plan) -> None:
     limit = plan.time_limit - attempt.spent
     measured = not attempt.trials
-    steps = 0 if attempt.setting.first_step_only else plan.steps
+    # A setting that did not come to its settled steps once would not do so again.
+    cut = not measured and len(attempt.trials[0].seconds) <= plan.steps
+    steps = 0 if attempt.setting.first_step_only or cut else plan.steps
     with (
         closing(engine.simulate(scene, plan.time_step, attempt.setting, plan.time_limit)) as simulation,
         no_collection(),

@@ -139,6 +139,10 @@ def test_a_simulation_without_hope_is_given_up_early(monkeypatch):
     assert stepped.cut_short and stepped.steps_asked == 1000
     assert 3 <= stepped.steps <= 12
     assert f"time limit: {stepped.steps} of 1000 steps" in stepped.message
+    # Its repeats make the first step alone.
+    engine = Still(on_step)
+    (cold, again), _ = run({"still": engine}, Plan(1 / 240, repeats=3, steps=1000, time_limit=100.0))
+    assert (cold.repeats, again.repeats, again.steps) == (3, 1, stepped.steps)
     (_, stepped), _ = run({"still": Still(on_step)}, Plan(1 / 240, repeats=1, steps=90, time_limit=100.0))
     assert not stepped.cut_short and stepped.steps == 90
 
