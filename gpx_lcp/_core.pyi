@@ -22,6 +22,9 @@ __all__ = [
 
 _Floats = npt.NDArray[np.float64]
 _Indices = npt.NDArray[np.int32] | npt.NDArray[np.int64]
+# Islands; contacts, rows and velocities before and after; each reduction: its name, islands, and the three removed.
+_Counts = tuple[int, int, int]
+_Presolve = tuple[int, _Counts, _Counts, list[tuple[str, int, _Counts]]]
 
 BUILD_PROFILE: str
 
@@ -47,6 +50,8 @@ class ExactReport:
     def infeasibility(self) -> npt.NDArray[np.float64] | None: ...
     @property
     def solve_seconds(self) -> float: ...
+    @property
+    def presolve(self) -> _Presolve | None: ...
 
 @final
 class System:
@@ -61,10 +66,12 @@ class System:
         starts: _Indices,
         columns: _Indices,
         blocks: _Floats,
+        jacobian: _Floats,
         block_columns: int,
         target: _Floats,
         friction: _Floats,
     ) -> System: ...
+    def presolve(self, law: str) -> _Presolve | None: ...
     def residual(self, law: str, impulse: _Floats) -> float: ...
 
 def exact(system: System, settings: dict[str, Any], start: _Floats | None) -> ExactReport: ...
@@ -194,6 +201,8 @@ class Step:
     def history(self) -> list[tuple[int, float]]: ...
     @property
     def fallbacks(self) -> list[str]: ...
+    @property
+    def presolve(self) -> _Presolve | None: ...
     @property
     def extras(self) -> dict[str, Any]: ...
 

@@ -39,7 +39,11 @@ def _handed_over(system: StackedSystem) -> _core.System:
     factor = system.whitened_jacobian
     if factor is not None:
         data, columns = np.ascontiguousarray(factor.data), factor.shape[1] // factor.blocksize[1]
-        return _core.System.from_factor(factor.indptr, factor.indices, data, columns, system.B, system.friction)
+        assert system.jacobian is not None
+        jacobian = np.ascontiguousarray(system.jacobian.data)
+        return _core.System.from_factor(
+            factor.indptr, factor.indices, data, jacobian, columns, system.B, system.friction
+        )
     matrix = system.A
     if isinstance(matrix, np.ndarray):
         return _core.System.from_dense(np.ascontiguousarray(matrix), system.B, system.friction)

@@ -10,6 +10,7 @@ from typing import Any
 
 from formulations import Certificate, StackedSystem, certify
 from formulations.checks import Array
+from gpx_lcp.presolved import Presolve
 
 
 class Status(Enum):
@@ -56,6 +57,8 @@ class Solution:
         Residual of the program after so many iterations, where the solver tells.
     extras : mapping
         The solver's own figures.
+    presolve : Presolve or None
+        What presolve removed before the solver ran; None where it was off, or found nothing to remove.
     """
 
     system: StackedSystem
@@ -69,6 +72,7 @@ class Solution:
     solve_seconds: float
     history: tuple[tuple[int, float], ...] = ()
     extras: Mapping[str, Any] = field(default_factory=dict)
+    presolve: Presolve | None = None
 
     @cached_property
     def velocity(self) -> Array:

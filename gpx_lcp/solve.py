@@ -14,6 +14,7 @@ from formulations import DEFAULT_FACETS, FORMULATIONS, PROJECTIONS, StackedSyste
 from formulations.checks import Array, as_array
 from gpx_lcp.core_system import program_residual
 from gpx_lcp.errors import BackendMissing, ProblemError, SettingsError
+from gpx_lcp.presolved import Presolve
 from gpx_lcp.solution import Solution, Status
 from gpx_lcp.solvers import Outcome, Request, Solver, solvers
 
@@ -44,6 +45,8 @@ def solve(
     time_limit: float | None = None,
     warm_start: npt.ArrayLike | None = None,
     facets: int = DEFAULT_FACETS,
+    presolve: bool = True,
+    threads: int = 1,
     **settings: Any,
 ) -> Solution:
     """Solve A F dt = B over the impulses that the contacts allow, and certify what was found.
@@ -74,6 +77,11 @@ def solve(
         `extras["warm_start_moved"]` tells how far, relative to the largest impulse.
     facets : int
         Of the pyramids, at least 3.
+    presolve : bool
+        Whether to solve the smallest system with the same answer, and map the answer back; see `gpx_lcp.presolve`. Only
+        "interior_point" and "newton" do.
+    threads : int
+        To solve independent islands on, where presolve finds some that are worth it.
     **settings
         The solver's own settings, e.g. `relaxation` of "pgs".
 
@@ -102,6 +110,8 @@ def solve(
         max_iterations=max_iterations,
         time_limit=time_limit,
         facets=facets,
+        presolve=presolve,
+        threads=threads,
         **settings,
     )
     extras: dict[str, Any] = {}
@@ -124,6 +134,8 @@ def posed(
     max_iterations: int | None = None,
     time_limit: float | None = None,
     facets: int = DEFAULT_FACETS,
+    presolve: bool = True,
+    threads: int = 1,
     **settings: Any,
 ) -> tuple[Solver, Request]:
     """Check a question as `solve` takes it; return the solver's row and the request, the warm start still to come."""
@@ -134,7 +146,9 @@ def posed(
     if formulation not in FORMULATIONS:
         raise SettingsError(f"formulation is {formulation!r}: it must be one of {', '.join(map(repr, FORMULATIONS))}")
     row = _solver_row(formulation, PREFERRED[formulation][warm] if solver is None else solver)
-    _check_limits(tolerance, max_iterations, time_limit, facets)
+    _check_limits(tolerance, max_iterations, time_limit, facets, threads)
+    if not isinstance(presolve, bool):
+        raise SettingsError(f"presolve is {presolve!r}: it must be True or False")
     request = Request(
         system=system,
         formulation=formulation,
@@ -143,6 +157,8 @@ def posed(
         time_limit=time_limit,
         warm_start=None,
         facets=facets,
+        presolve=presolve,
+        threads=threads,
         settings=_checked_settings(row, settings),
     )
     return row, request
@@ -176,6 +192,7 @@ def judged(request: Request, row: Solver, outcome: Outcome, extras: Mapping[str,
         solve_seconds=outcome.solve_seconds,
         history=outcome.history,
         extras={**outcome.extras, **extras},
+        presolve=None if outcome.presolve is None else Presolve.of(outcome.presolve),
     )
 
 
@@ -203,7 +220,9 @@ def _solver_row(formulation: str, name: str) -> Solver:
     return row
 
 
-def _check_limits(tolerance: float, max_iterations: int | None, time_limit: float | None, facets: int) -> None:
+def _check_limits(
+    tolerance: float, max_iterations: int | None, time_limit: float | None, facets: int, threads: int
+) -> None:
     if not (isinstance(tolerance, int | float) and 0.0 < tolerance < np.inf):
         raise SettingsError(f"tolerance is {tolerance!r}: it must be a positive number")
     if max_iterations is not None and not (isinstance(max_iterations, int) and max_iterations >= 0):
@@ -212,6 +231,8 @@ def _check_limits(tolerance: float, max_iterations: int | None, time_limit: floa
         raise SettingsError(f"time_limit is {time_limit!r}: it must be a positive number of seconds")
     if not (isinstance(facets, int) and facets >= 3):
         raise SettingsError(f"facets is {facets!r}: a pyramid has at least 3")
+    if isinstance(threads, bool) or not isinstance(threads, int) or threads < 1:
+        raise SettingsError(f"threads is {threads!r}: it must be a whole number of at least 1")
 
 
 def _checked_settings(row: Solver, settings: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -47,6 +47,7 @@ def run_exact(request: Request, method: str) -> Outcome:
         history=tuple(report.history),
         fallbacks=tuple(report.fallbacks),
         extras=extras,
+        presolve=report.presolve,
     )
 
 
@@ -60,4 +61,6 @@ def exact_settings(request: Request, method: str) -> dict[str, Any]:
         "tolerance": (1.0 - 1e-6) * request.tolerance,
         "max_iterations": MAX_STEPS if request.max_iterations is None else request.max_iterations,
         "time_limit": request.time_limit,
+        "presolve": request.presolve,
+        "threads": request.threads,
     }

@@ -8,6 +8,7 @@ from typing import Any
 
 from formulations import StackedSystem
 from formulations.checks import Array
+from gpx_lcp.presolved import Counted
 from gpx_lcp.solution import Status
 
 
@@ -26,6 +27,10 @@ class Request:
         Finite, of the right shape and inside the friction cones.
     facets : int
         Of the pyramids, where the formulation has any.
+    presolve : bool
+        Whether to solve the smallest system with the same answer.
+    threads : int
+        To solve its islands on.
     settings : mapping
         The solver's own settings, every one of them, defaults filled in.
     """
@@ -37,6 +42,8 @@ class Request:
     time_limit: float | None
     warm_start: Array | None
     facets: int
+    presolve: bool
+    threads: int
     settings: Mapping[str, Any]
 
 
@@ -52,6 +59,8 @@ class Outcome:
         Why the solver stopped, in its own opinion.
     program : str
         The program it solved, a key of `formulations.RESIDUALS`.
+    presolve : tuple or None
+        What presolve did, as the core counts it.
     """
 
     impulse: Array
@@ -63,6 +72,7 @@ class Outcome:
     history: tuple[tuple[int, float], ...] = ()
     fallbacks: tuple[str, ...] = ()
     extras: Mapping[str, Any] = field(default_factory=dict)
+    presolve: Counted | None = None
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ pub mod integration;
 pub mod lanes;
 pub mod mean_motion;
 pub mod polygon;
+pub mod presolve;
 pub mod program;
 pub mod small_matrix;
 pub mod solving;

@@ -8,6 +8,7 @@ use crate::exact;
 use crate::factored::Factored;
 use crate::friction_cone::{ConvexCone, Coulomb};
 use crate::gauss_seidel::{self, Settings, Stop};
+use crate::presolve;
 use crate::program::Program;
 use crate::small_matrix::Vector;
 use crate::stacking::Stack;
@@ -33,6 +34,8 @@ pub enum Method {
         max_iterations: usize,
         /// s
         time_limit: Option<f64>,
+        presolve: bool,
+        threads: usize,
     },
 }
 
@@ -73,6 +76,7 @@ pub enum Details {
         fill: usize,
         fallbacks: Vec<&'static str>,
         infeasibility: Option<Vec<f64>>,
+        presolve: Option<presolve::Summary>,
     },
 }
 
@@ -103,12 +107,26 @@ pub fn solve(
             tolerance,
             max_iterations,
             time_limit,
+            presolve,
+            threads,
         } => {
             let limits = exact::Limits::new(*tolerance, *max_iterations, *time_limit, interrupted);
-            solve_exactly(stack, &effort.program, *method, &limits, start)?
+            let presolve = presolve.then_some(*threads);
+            solve_exactly(stack, &effort.program, *method, &limits, start, presolve)?
         }
     };
     answer.residual = effort.program.residual(stack, &answer.impulse);
+    if answer.residual > effort.tolerance
+        && answer.status == Status::Solved
+        && let Method::Exact { presolve: true, .. } = &effort.method
+    {
+        // The parts are solved and the whole is not: at tolerances near rounding, the whole has the last word.
+        let mut whole = effort.clone();
+        if let Method::Exact { presolve, .. } = &mut whole.method {
+            *presolve = false;
+        }
+        return solve(stack, &whole, Some(&answer.impulse), interrupted);
+    }
     if answer.residual <= effort.tolerance {
         answer.status = Status::Solved;
     } else if answer.status == Status::Solved {
@@ -123,6 +141,7 @@ fn solve_exactly(
     method: exact::Method,
     limits: &exact::Limits,
     start: Option<&[f64]>,
+    presolve: Option<usize>,
 ) -> Option<Answer> {
     let begun = Instant::now();
     let law = match program {
@@ -131,6 +150,11 @@ fn solve_exactly(
         Program::Coulomb => exact::Law::Coulomb,
         Program::Polygon(_) => unreachable!("no exact method solves polygons: refused when made"),
     };
+    let presolved = presolve
+        .and_then(|threads| presolve::solve(&view(stack, law), method, limits, start, threads));
+    if let Some(presolve::Presolved { report, summary }) = presolved {
+        return answered(report, limits, begun, begun, Some(summary));
+    }
     let matrix = exact::BlockMatrix {
         starts: stack.row_starts.clone(),
         columns: stack.columns.clone(),
@@ -144,6 +168,17 @@ fn solve_exactly(
         .expect("a stack has as many entries of B and coefficients as contacts");
     let prepared = Instant::now();
     let report = exact::solve(&problem, method, limits, start);
+    answered(report, limits, begun, prepared, None)
+}
+
+/// What an exact method found, as an answer; None where the caller interrupted it.
+fn answered(
+    report: exact::Report,
+    limits: &exact::Limits,
+    begun: Instant,
+    prepared: Instant,
+    presolve: Option<presolve::Summary>,
+) -> Option<Answer> {
     if report.residual > limits.tolerance && limits.interrupted() {
         return None;
     }
@@ -165,8 +200,24 @@ fn solve_exactly(
             fill: report.fill,
             fallbacks: report.fallbacks,
             infeasibility: report.infeasibility,
+            presolve,
         },
     })
+}
+
+fn view(stack: &Stack, law: exact::Law) -> presolve::View<'_> {
+    presolve::View {
+        rows: stack.layout.rows,
+        width: stack.layout.columns,
+        bodies: stack.roots.len(),
+        starts: &stack.row_starts,
+        columns: &stack.columns,
+        whitened: &stack.whitened,
+        jacobian: Some(&stack.blocks),
+        b: &stack.b,
+        friction: &stack.friction,
+        law,
+    }
 }
 
 /// Sweep over the stacked contacts with `b` in the place of B; None where the caller interrupts it.

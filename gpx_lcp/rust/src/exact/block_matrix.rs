@@ -209,6 +209,10 @@ impl BlockMatrix {
             (3, 6) => self.times_sized::<3, 6>(x, y),
             (2, 2) => self.times_sized::<2, 2>(x, y),
             (2, 3) => self.times_sized::<2, 3>(x, y),
+            (1, 1) => self.times_sized::<1, 1>(x, y),
+            (1, 2) => self.times_sized::<1, 2>(x, y),
+            (1, 3) => self.times_sized::<1, 3>(x, y),
+            (1, 6) => self.times_sized::<1, 6>(x, y),
             _ => {
                 for (i, out) in y.iter_mut().enumerate() {
                     *out = [0.0; 3];

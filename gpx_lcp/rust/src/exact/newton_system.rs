@@ -197,7 +197,11 @@ impl<'a> NewtonSystem<'a> {
             (3, 6) => self.assemble_sized::<3, 6>(factor),
             (2, 3) => self.assemble_sized::<2, 3>(factor),
             (3, 3) => self.assemble_sized::<3, 3>(factor),
+            (2, 2) => self.assemble_sized::<2, 2>(factor),
             (1, 1) => self.assemble_sized::<1, 1>(factor),
+            (1, 2) => self.assemble_sized::<1, 2>(factor),
+            (1, 3) => self.assemble_sized::<1, 3>(factor),
+            (1, 6) => self.assemble_sized::<1, 6>(factor),
             _ => self.assemble_any(factor),
         }
     }

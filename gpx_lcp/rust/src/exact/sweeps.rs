@@ -38,6 +38,10 @@ pub fn gauss_seidel(
         },
         Operator::Velocity(factor) => match (factor.height, factor.width) {
             (1, 1) => factored::<1, 1>(factor, problem, limits, most, best),
+            (1, 2) => factored::<1, 2>(factor, problem, limits, most, best),
+            (1, 3) => factored::<1, 3>(factor, problem, limits, most, best),
+            (1, 6) => factored::<1, 6>(factor, problem, limits, most, best),
+            (2, 2) => factored::<2, 2>(factor, problem, limits, most, best),
             (2, 3) => factored::<2, 3>(factor, problem, limits, most, best),
             (3, 3) => factored::<3, 3>(factor, problem, limits, most, best),
             (3, 6) => factored::<3, 6>(factor, problem, limits, most, best),

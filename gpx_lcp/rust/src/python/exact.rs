@@ -6,8 +6,9 @@ use std::time::Instant;
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 
-use super::system::{System, same_length};
+use super::system::{PresolveSummary, System, presolve_summary, same_length};
 use crate::exact::{Law, Limits, Method, Problem, Report, ShapeError, Status, solve};
+use crate::presolve::{self, Summary};
 
 pyo3::import_exception!(gpx_lcp.errors, ProblemError);
 
@@ -23,18 +24,15 @@ pub struct Wanted {
     pub max_iterations: usize,
     #[pyo3(item)]
     pub time_limit: Option<f64>,
+    #[pyo3(item)]
+    pub presolve: bool,
+    #[pyo3(item)]
+    pub threads: usize,
 }
 
 impl Wanted {
     pub fn law(&self) -> PyResult<Law> {
-        match self.law.as_str() {
-            "normal" => Ok(Law::Normal),
-            "cone" => Ok(Law::Cone),
-            "coulomb" => Ok(Law::Coulomb),
-            other => Err(ProblemError::new_err(format!(
-                "there is no exact law named {other:?}"
-            ))),
-        }
+        law_named(&self.law)
     }
 
     pub fn method(&self) -> PyResult<Method> {
@@ -45,6 +43,17 @@ impl Wanted {
                 "there is no exact method named {other:?}"
             ))),
         }
+    }
+}
+
+pub fn law_named(name: &str) -> PyResult<Law> {
+    match name {
+        "normal" => Ok(Law::Normal),
+        "cone" => Ok(Law::Cone),
+        "coulomb" => Ok(Law::Coulomb),
+        other => Err(ProblemError::new_err(format!(
+            "there is no exact law named {other:?}"
+        ))),
     }
 }
 
@@ -61,6 +70,8 @@ pub struct ExactReport {
     fallbacks: Vec<&'static str>,
     infeasibility: Option<Py<PyArray1<f64>>>,
     solve_seconds: f64,
+    /// What presolve did; None where it was not wanted, or found nothing to do.
+    presolve: Option<PresolveSummary>,
 }
 
 /// Solve a stacked system under one of the laws "normal", "cone" and "coulomb".
@@ -85,26 +96,52 @@ pub fn exact(
         }
         signal.is_some()
     };
-    let (report, solve_seconds) = py.detach(|| -> Result<_, ShapeError> {
-        let operator = system.operator.clone();
-        let problem = Problem::new(operator, &system.target, &system.friction, law)?;
+    let (report, solve_seconds, summary) = py.detach(|| -> Result<_, ShapeError> {
         let began = Instant::now();
+        let lifted;
+        let mut start = start;
         let limits = Limits::new(
             settings.tolerance,
             settings.max_iterations,
             settings.time_limit,
             &interrupted,
         );
+        if settings.presolve
+            && let Some(view) = system.view(law)
+            && let Some(found) = presolve::solve(&view, method, &limits, start, settings.threads)
+        {
+            // Parts that are solved while the whole is not: at tolerances near rounding, the whole has the last word.
+            if found.report.status != Status::Solved
+                || system.relative_map(law, &found.report.impulse) <= settings.tolerance
+            {
+                return Ok((found.report, began.elapsed(), Some(found.summary)));
+            }
+            lifted = found.report.impulse;
+            start = Some(&lifted);
+        }
+        let operator = system.operator.clone();
+        let problem = Problem::new(operator, &system.target, &system.friction, law)?;
+        let began = Instant::now();
         let report = solve(&problem, method, &limits, start);
-        Ok((report, began.elapsed()))
+        Ok((report, began.elapsed(), None))
     })?;
     if let Some(signal) = signal.into_inner().unwrap_or_else(PoisonError::into_inner) {
         return Err(signal);
     }
-    Ok(answer(py, report, solve_seconds.as_secs_f64()))
+    Ok(answer(
+        py,
+        report,
+        solve_seconds.as_secs_f64(),
+        summary.as_ref(),
+    ))
 }
 
-fn answer(py: Python<'_>, report: Report, solve_seconds: f64) -> ExactReport {
+fn answer(
+    py: Python<'_>,
+    report: Report,
+    solve_seconds: f64,
+    summary: Option<&Summary>,
+) -> ExactReport {
     ExactReport {
         impulse: report.impulse.into_pyarray(py).unbind(),
         residual: report.residual,
@@ -123,5 +160,6 @@ fn answer(py: Python<'_>, report: Report, solve_seconds: f64) -> ExactReport {
             .infeasibility
             .map(|ray| ray.into_pyarray(py).unbind()),
         solve_seconds,
+        presolve: summary.map(presolve_summary),
     }
 }

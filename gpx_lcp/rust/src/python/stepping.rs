@@ -13,6 +13,7 @@ use super::exact::Wanted;
 use super::gauss_seidel::{Effort as SweepEffort, stop_name};
 use super::records::{Contacts, ProblemError, Stack, State, Table, same_length, table};
 use super::scene::{Bodies, detection_failed, layout};
+use super::system::{PresolveSummary, presolve_summary};
 use crate::exact::Law;
 use crate::program::Program;
 use crate::solving::{Answer, Details, Effort, Method, Status};
@@ -214,6 +215,8 @@ fn effort(settings: &Bound<'_, PyDict>, tolerance: f64) -> PyResult<Effort> {
                     tolerance: wanted.tolerance,
                     max_iterations: wanted.max_iterations,
                     time_limit: wanted.time_limit,
+                    presolve: wanted.presolve,
+                    threads: wanted.threads,
                 },
                 tolerance,
             })
@@ -276,6 +279,15 @@ impl Step {
         match &self.answer.details {
             Details::Exact { fallbacks, .. } => fallbacks.clone(),
             _ => Vec::new(),
+        }
+    }
+
+    /// What presolve did; None where it was not wanted, or found nothing to do.
+    #[getter]
+    fn presolve(&self) -> Option<PresolveSummary> {
+        match &self.answer.details {
+            Details::Exact { presolve, .. } => presolve.as_ref().map(presolve_summary),
+            _ => None,
         }
     }
 

@@ -8,7 +8,9 @@ use numpy::{
 };
 use pyo3::prelude::*;
 
-use crate::exact::{BlockMatrix, Operator, ShapeError};
+use super::exact::law_named;
+use crate::exact::{BlockMatrix, Law, Operator, ShapeError};
+use crate::presolve::{self, Size, Summary, View};
 use crate::program::Program;
 
 pyo3::import_exception!(gpx_lcp.errors, ProblemError);
@@ -55,6 +57,8 @@ pub struct System {
     pub target: Vec<f64>,
     pub friction: Vec<f64>,
     scale: Vec<f64>,
+    /// The blocks of J in the order of those of Ĵ, where presolve may read them.
+    jacobian: Option<Vec<f64>>,
 }
 
 #[pymethods]
@@ -101,12 +105,13 @@ impl System {
         Self::of_delassus(matrix, target, friction)
     }
 
-    /// From Ĵ in compressed rows of blocks, (blocks, rows, width).
+    /// From Ĵ in compressed rows of blocks, (blocks, rows, width), and the same blocks of J.
     #[staticmethod]
     fn from_factor(
         starts: &Bound<'_, PyAny>,
         columns: &Bound<'_, PyAny>,
         blocks: PyReadonlyArray3<'_, f64>,
+        jacobian: PyReadonlyArray3<'_, f64>,
         block_columns: usize,
         target: PyReadonlyArray1<'_, f64>,
         friction: PyReadonlyArray1<'_, f64>,
@@ -115,23 +120,37 @@ impl System {
         let (starts, columns) = (indices("indptr", starts)?, indices("indices", columns)?);
         let values = blocks.as_slice()?.to_vec();
         let matrix = BlockMatrix::new(starts, columns, values, shape, block_columns)?;
-        Self::new(Operator::Velocity(matrix), target, friction)
+        same_length("jacobian", jacobian.len(), matrix.values.len())?;
+        Ok(Self {
+            jacobian: Some(jacobian.as_slice()?.to_vec()),
+            ..Self::new(Operator::Velocity(matrix), target, friction)?
+        })
+    }
+
+    /// What presolve would do under one of the laws "normal", "cone" and "coulomb".
+    fn presolve(&self, law: &str) -> PyResult<Option<PresolveSummary>> {
+        let law = law_named(law)?;
+        Ok(self
+            .view(law)
+            .map(|view| presolve_summary(&presolve::summary(&view))))
     }
 
     /// ‖natural map‖/‖B‖ of impulses (rows n,) under one of the laws "normal", "cone" and "coulomb".
     fn residual(&self, law: &str, impulse: PyReadonlyArray1<'_, f64>) -> PyResult<f64> {
-        let program = match law {
-            "normal" => Program::Normal,
-            "cone" => Program::Cone,
-            "coulomb" => Program::Coulomb,
-            other => {
-                return Err(ProblemError::new_err(format!(
-                    "there is no exact law named {other:?}"
-                )));
-            }
-        };
         let impulse = impulse.as_slice()?;
         same_length("impulse", impulse.len(), self.target.len())?;
+        Ok(self.relative_map(law_named(law)?, impulse))
+    }
+}
+
+impl System {
+    /// ‖natural map‖/‖B‖ of impulses.
+    pub fn relative_map(&self, law: Law, impulse: &[f64]) -> f64 {
+        let program = match law {
+            Law::Normal => Program::Normal,
+            Law::Cone => Program::Cone,
+            Law::Coulomb => Program::Coulomb,
+        };
         let rows = self.operator.rows();
         let mut velocity = vec![[0.0; 3]; self.friction.len()];
         let padded: Vec<[f64; 3]> = impulse
@@ -141,17 +160,34 @@ impl System {
         self.operator.apply(&padded, &mut velocity, &mut Vec::new());
         let product = velocity.iter().flat_map(|u| &u[..rows]);
         let velocity: Vec<f64> = product.zip(&self.target).map(|(u, b)| u - b).collect();
-        Ok(program.relative_map(
+        program.relative_map(
             &self.friction,
             &self.scale,
             &self.target,
             impulse,
             &velocity,
-        ))
+        )
     }
-}
 
-impl System {
+    /// As presolve reads it; None where the system is A.
+    pub fn view(&self, law: Law) -> Option<View<'_>> {
+        let Operator::Velocity(factor) = &self.operator else {
+            return None;
+        };
+        Some(View {
+            rows: factor.height,
+            width: factor.width,
+            bodies: factor.block_columns,
+            starts: &factor.starts,
+            columns: &factor.columns,
+            whitened: &factor.values,
+            jacobian: self.jacobian.as_deref(),
+            b: &self.target,
+            friction: &self.friction,
+            law,
+        })
+    }
+
     fn of_delassus(
         matrix: BlockMatrix,
         target: PyReadonlyArray1<'_, f64>,
@@ -174,6 +210,7 @@ impl System {
         let largest = |d: &[f64; 3]| d.iter().copied().fold(0.0, f64::max);
         Ok(Self {
             scale: diagonal.iter().map(largest).collect(),
+            jacobian: None,
             operator,
             target,
             friction,
@@ -201,4 +238,26 @@ fn contacts_and_rows(
     let contacts = friction.len();
     // A system of no contacts has three rows for each of them, as anywhere else.
     (contacts, target.len().checked_div(contacts).unwrap_or(3))
+}
+
+/// Contacts, rows, velocities.
+type Counts = (usize, usize, usize);
+
+/// Islands; the size before and after; each reduction with the islands it changed and what it removed.
+pub type PresolveSummary = (usize, Counts, Counts, Vec<(&'static str, usize, Counts)>);
+
+fn counts(size: Size) -> Counts {
+    (size.contacts, size.rows, size.velocities)
+}
+
+/// What presolve did, as Python reads it.
+pub fn presolve_summary(summary: &Summary) -> PresolveSummary {
+    let removed =
+        |&(name, islands, size): &(&'static str, usize, Size)| (name, islands, counts(size));
+    (
+        summary.islands,
+        counts(summary.before),
+        counts(summary.after),
+        summary.reductions.iter().map(removed).collect(),
+    )
 }

@@ -1,0 +1,76 @@
+//! Collinear islands, the founding paper's one-dimensional case: one row for a pair of bodies, one velocity for a body.
+//!
+//! The contacts of a pair become one, with equal weights and the normal for its only row; each body keeps the velocity
+//! along the direction in which that row pushes it. With (a) all pushes on a body lie in one direction; with (b) motion in
+//! these directions has no tangential part at any contact and closes all those of a pair alike; with (c) all of them have
+//! the same to cancel, and nothing along the tangents. Then friction has nothing to do, and the theorem of this folder holds
+//! with C_i the normal: a tower of cubes at rest is a column of point masses, a quarter of the load at each corner.
+
+use super::lift::{Basis, Columns, LARGEST, LocalBodies, Model, Proposal, Share, dot, size};
+use super::{ROUNDING, View};
+
+/// Propose one contact for each run of contacts between the same bodies.
+pub fn propose(
+    view: &View,
+    contacts: &[u32],
+    runs: &[std::ops::Range<usize>],
+    local: &LocalBodies,
+) -> Option<Proposal> {
+    // Most islands that are not collinear show it here, before anything is worked out.
+    let slides = |&contact: &u32| {
+        let target = view.target(contact);
+        view.has_friction(contact)
+            && target[1..]
+                .iter()
+                .any(|x| x.abs() > ROUNDING * size(target))
+    };
+    if contacts.iter().any(slides) {
+        return None;
+    }
+    let mut bases: Vec<Option<Basis>> = vec![None; local.count()];
+    let mut shares = Vec::with_capacity(contacts.len());
+    for (group, run) in runs.iter().enumerate() {
+        let members = &contacts[run.clone()];
+        let weight = 1.0 / members.len() as f64;
+        for (slot, &body) in view.bodies_of(members[0]).iter().enumerate() {
+            let mut line = [0.0; LARGEST];
+            for &member in members {
+                let row = view.row(view.places(member).start + slot, 0);
+                line.iter_mut()
+                    .zip(row)
+                    .for_each(|(sum, value)| *sum += weight * value);
+            }
+            let length = size(&line);
+            if length == 0.0 {
+                continue;
+            }
+            let direction = line.map(|value| value / length);
+            let basis = &mut bases[local.number(body)];
+            match basis {
+                None => {
+                    *basis = Some([direction, [0.0; LARGEST], [0.0; LARGEST]]);
+                }
+                Some(known) if dot(&known[0], &direction).abs() < 1.0 - ROUNDING => return None,
+                Some(_) => {}
+            }
+        }
+        shares.extend(members.iter().map(|_| Share {
+            weight,
+            ..Share::whole(group as u32)
+        }));
+    }
+    let unmoved = [[0.0; LARGEST]; 3];
+    Some(Proposal {
+        model: Model::Collinear,
+        rows: 1,
+        groups: runs.len(),
+        shares,
+        columns: Columns::Some(
+            1,
+            bases
+                .into_iter()
+                .map(|basis| basis.unwrap_or(unmoved))
+                .collect(),
+        ),
+    })
+}

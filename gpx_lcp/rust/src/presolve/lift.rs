@@ -1,0 +1,444 @@
+//! A proposal put to the conditions that make it exact, and the reduced system with its way back if it stands.
+
+use crate::exact::BlockMatrix;
+
+use super::{ROUNDING, View};
+
+/// What a part of the system was taken for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Model {
+    /// Every contact with all its rows, every body with all its velocities.
+    Spatial,
+    /// One row for a contact, all velocities.
+    Frictionless,
+    /// Bodies without rotation.
+    Translational,
+    Planar,
+    Collinear,
+}
+
+/// The largest number of velocities that a reduced body has.
+pub const WIDEST: usize = 3;
+/// The largest number of velocities of a body that is reduced.
+pub const LARGEST: usize = 6;
+
+/// Orthonormal vectors of a body's whitened velocities; unused ones are zero.
+pub type Basis = [[f64; LARGEST]; WIDEST];
+
+/// Which velocities the bodies keep.
+pub enum Columns {
+    All,
+    /// So many, body by body.
+    Some(usize, Vec<Basis>),
+}
+
+/// What becomes of one contact: its group, its weight in it, and its in-plane tangent, (cos, sin) in its own tangents.
+#[derive(Clone, Copy)]
+pub struct Share {
+    pub group: u32,
+    pub weight: f64,
+    pub tangent: [f64; 2],
+}
+
+impl Share {
+    /// A contact that stays as it is.
+    pub fn whole(group: u32) -> Self {
+        Self {
+            group,
+            weight: 1.0,
+            tangent: [1.0, 0.0],
+        }
+    }
+}
+
+/// Groups, frames and subspaces for the contacts of an island.
+pub struct Proposal {
+    pub model: Model,
+    /// Rows of a reduced contact.
+    pub rows: usize,
+    pub groups: usize,
+    /// In the order of the island's contacts; those of a group share their bodies.
+    pub shares: Vec<Share>,
+    pub columns: Columns,
+}
+
+/// A reduced system, and where its contacts come from.
+pub struct Part {
+    pub model: Model,
+    pub contacts: Vec<u32>,
+    pub shares: Vec<Share>,
+    pub rows: usize,
+    pub matrix: BlockMatrix,
+    pub b: Vec<f64>,
+    pub friction: Vec<f64>,
+    /// How much larger the residual of the lifted impulses can be than that of the reduced ones, both relative to B.
+    pub growth: f64,
+}
+
+impl Part {
+    /// The reduced system of an island, or None where the proposal is not exact.
+    pub fn new(
+        view: &View,
+        contacts: &[u32],
+        proposal: Proposal,
+        local: &LocalBodies,
+    ) -> Option<Self> {
+        let Proposal {
+            model,
+            rows,
+            groups,
+            shares,
+            columns,
+        } = proposal;
+        let width = match columns {
+            Columns::All => view.width,
+            Columns::Some(width, _) => width,
+        };
+        let mut part = Self {
+            model,
+            contacts: contacts.to_vec(),
+            rows,
+            matrix: BlockMatrix {
+                starts: vec![0],
+                columns: Vec::new(),
+                values: Vec::new(),
+                height: rows,
+                width,
+                block_columns: 0,
+            },
+            b: vec![0.0; groups * rows],
+            friction: vec![0.0; groups],
+            shares,
+            growth: 1.0,
+        };
+        part.gather_targets(view)?;
+        part.gather_blocks(view, &columns, local)?;
+        part.growth = part.bound_on_growth(view);
+        Some(part)
+    }
+
+    /// Σ_i w_i C_iᵀ B_i, and condition (c).
+    fn gather_targets(&mut self, view: &View) -> Option<()> {
+        let rows = self.rows;
+        for (&contact, share) in self.contacts.iter().zip(&self.shares) {
+            let seen = share.seen(rows, view.target(contact).iter().copied());
+            let sum = &mut self.b[share.group as usize * rows..][..rows];
+            for (sum, value) in sum.iter_mut().zip(seen) {
+                *sum += share.weight * value;
+            }
+            self.friction[share.group as usize] = view.friction[contact as usize];
+        }
+        let largest = largest(&self.b);
+        for (&contact, share) in self.contacts.iter().zip(&self.shares) {
+            let target = view.target(contact);
+            let group = &self.b[share.group as usize * rows..][..rows];
+            let seen = share.seen(rows, target.iter().copied());
+            let (mut miss, mut hidden) = (0.0_f64, 0.0_f64);
+            for (value, wanted) in seen.iter().zip(group) {
+                miss = miss.max((value - wanted).abs());
+            }
+            if view.has_friction(contact) {
+                hidden = share.hidden(rows, target);
+            }
+            let friction = view.friction[contact as usize];
+            if friction != self.friction[share.group as usize]
+                || !(miss.max(hidden) <= ROUNDING * largest)
+            {
+                return None;
+            }
+        }
+        Some(())
+    }
+
+    /// J' and conditions (a) and (b).
+    fn gather_blocks(&mut self, view: &View, columns: &Columns, local: &LocalBodies) -> Option<()> {
+        let (rows, width, groups) = (self.rows, self.matrix.width, self.friction.len());
+        let mut members: Vec<Vec<u32>> = vec![Vec::new(); groups];
+        for (index, share) in self.shares.iter().enumerate() {
+            members[share.group as usize].push(index as u32);
+        }
+        let mut sum = vec![0.0; rows * view.width];
+        for members in &members {
+            let first = self.contacts[members[0] as usize];
+            for (slot, &body) in view.bodies_of(first).iter().enumerate() {
+                sum.fill(0.0);
+                let mut length = 0.0_f64;
+                for &member in members {
+                    let (contact, share) = (
+                        self.contacts[member as usize],
+                        &self.shares[member as usize],
+                    );
+                    let place = view.places(contact).start + slot;
+                    for (r, line) in sum.chunks_exact_mut(view.width).enumerate() {
+                        share.add_seen(view, place, r, share.weight, line);
+                    }
+                    length = length.max(size(view.row(place, 0)));
+                }
+                if length == 0.0 && sum.iter().all(|&value| value == 0.0) {
+                    continue;
+                }
+                let body = local.number(body);
+                self.matrix.columns.push(body as u32);
+                let Columns::Some(_, bases) = columns else {
+                    self.matrix.values.extend_from_slice(&sum);
+                    if members.len() > 1 {
+                        self.equal_blocks(view, members, slot, &sum, length)?;
+                    }
+                    continue;
+                };
+                let basis = &bases[body];
+                let begin = self.matrix.values.len();
+                for line in sum.chunks_exact(view.width) {
+                    let mut rest = [0.0; LARGEST];
+                    rest[..view.width].copy_from_slice(line);
+                    for vector in &basis[..width] {
+                        let entry = dot(line, vector);
+                        self.matrix.values.push(entry);
+                        for (value, direction) in rest.iter_mut().zip(vector) {
+                            *value -= entry * direction;
+                        }
+                    }
+                    // (a)
+                    if !(size(&rest) <= ROUNDING * length.max(size(line))) {
+                        return None;
+                    }
+                }
+                let block = self.matrix.values[begin..].to_vec();
+                self.same_from_all(view, members, slot, basis, &block, length)?;
+            }
+            self.matrix.starts.push(self.matrix.columns.len());
+        }
+        self.matrix.block_columns = local.count();
+        Some(())
+    }
+
+    /// (b) where bodies keep all velocities: the blocks of a group are the same.
+    fn equal_blocks(
+        &self,
+        view: &View,
+        members: &[u32],
+        slot: usize,
+        sum: &[f64],
+        length: f64,
+    ) -> Option<()> {
+        for &member in members {
+            let place = view.places(self.contacts[member as usize]).start + slot;
+            for (r, wanted) in sum.chunks_exact(view.width).enumerate() {
+                let mut line = [0.0; LARGEST];
+                self.shares[member as usize].add_seen(view, place, r, 1.0, &mut line);
+                let miss = line.iter().zip(wanted).map(|(x, y)| (x - y).abs());
+                if !(miss.fold(0.0, f64::max) <= ROUNDING * length.max(size(wanted))) {
+                    return None;
+                }
+            }
+        }
+        Some(())
+    }
+
+    /// (b): velocities within the basis look the same from each contact of a group.
+    fn same_from_all(
+        &self,
+        view: &View,
+        members: &[u32],
+        slot: usize,
+        basis: &Basis,
+        block: &[f64],
+        length: f64,
+    ) -> Option<()> {
+        let width = self.matrix.width;
+        for &member in members {
+            let contact = self.contacts[member as usize];
+            let share = &self.shares[member as usize];
+            let place = view.places(contact).start + slot;
+            for (k, vector) in basis[..width].iter().enumerate() {
+                let mut seen = [0.0; 3];
+                for (r, value) in seen[..view.rows].iter_mut().enumerate() {
+                    *value = dot(view.row(place, r), vector);
+                }
+                let bound =
+                    ROUNDING * length.max(seen.iter().fold(0.0, |most, x| most.max(x.abs())));
+                let found = share.seen(self.rows, seen[..view.rows].iter().copied());
+                let same = (0..self.rows).all(|r| (found[r] - block[r * width + k]).abs() <= bound);
+                let hidden = if view.has_friction(contact) {
+                    share.hidden(self.rows, &seen[..view.rows])
+                } else {
+                    0.0
+                };
+                if !(same && hidden <= bound) {
+                    return None;
+                }
+            }
+        }
+        Some(())
+    }
+
+    /// The natural map N(d) = ‖d p − P(d p − û)‖ rises with d, and N(d)/d falls. A lifted contact has d_i w_i in the place
+    /// of the reduced d'_g, hence N_i ≤ max(1, d_i w_i / d'_g) N'_g, and each ‖B_i‖ is ‖B'_g‖ where there is friction, at
+    /// least that where there is none: the sums over contacts differ by at most the sizes m_g of the groups.
+    fn bound_on_growth(&self, view: &View) -> f64 {
+        let reduced = self.matrix.starts.windows(2).map(|range| {
+            let mut diagonal = [0.0; 3];
+            let area = self.rows * self.matrix.width;
+            let values = &self.matrix.values[range[0] * area..range[1] * area];
+            for (at, line) in values.chunks_exact(self.matrix.width).enumerate() {
+                diagonal[at % self.rows] += dot(line, line);
+            }
+            diagonal.into_iter().fold(0.0, f64::max)
+        });
+        let reduced: Vec<f64> = reduced.collect();
+        let mut sizes = vec![0.0_f64; reduced.len()];
+        let mut growth = 1.0_f64;
+        for (&contact, share) in self.contacts.iter().zip(&self.shares) {
+            let mut diagonal = [0.0; 3];
+            for place in view.places(contact) {
+                for (r, sum) in diagonal[..view.rows].iter_mut().enumerate() {
+                    let row = view.row(place, r);
+                    *sum += dot(row, row);
+                }
+            }
+            let full = diagonal.into_iter().fold(0.0, f64::max);
+            let group = share.group as usize;
+            sizes[group] += 1.0;
+            if reduced[group] > 0.0 {
+                growth = growth.max(share.weight * full / reduced[group]);
+            }
+        }
+        let most = sizes.iter().fold(1.0, |most: f64, &size| most.max(size));
+        let least = sizes.iter().fold(most, |least: f64, &size| least.min(size));
+        growth * (most / least).sqrt()
+    }
+
+    /// How much of the tolerance of the whole, relative to ‖B‖ = `whole`, this part may use relative to its own B.
+    ///
+    /// Islands with r_k² ≤ tol² (‖B_k‖² + ‖B‖² n_k/n)/2 add up to r ≤ tol ‖B‖: an island in which hardly anything moves
+    /// need not be solved to its own last digit.
+    pub fn allowance(&self, view: &View, whole: f64, share: f64) -> f64 {
+        let own: f64 = self
+            .contacts
+            .iter()
+            .map(|&contact| dot(view.target(contact), view.target(contact)))
+            .sum();
+        let allowed = 0.5 * (own + whole * whole * share * self.contacts.len() as f64);
+        (allowed / own).sqrt() / self.growth
+    }
+
+    /// p_i = w_i C_i q_g into the impulses of the whole system.
+    pub fn lift(&self, rows: usize, reduced: &[f64], whole: &mut [f64]) {
+        for (&contact, share) in self.contacts.iter().zip(&self.shares) {
+            let q = &reduced[share.group as usize * self.rows..][..self.rows];
+            let p = &mut whole[contact as usize * rows..][..rows];
+            p.fill(0.0);
+            p[0] = share.weight * q[0];
+            match self.rows {
+                1 => {}
+                2 => {
+                    for (value, direction) in p[1..].iter_mut().zip(share.tangent) {
+                        *value = share.weight * direction * q[1];
+                    }
+                }
+                _ => (1..rows).for_each(|r| p[r] = share.weight * q[r]),
+            }
+        }
+    }
+
+    /// Σ_i C_iᵀ p_i, what lifting would give p: the reduced impulses to start from.
+    pub fn restrict(&self, rows: usize, whole: &[f64]) -> Vec<f64> {
+        let mut reduced = vec![0.0; self.b.len()];
+        for (&contact, share) in self.contacts.iter().zip(&self.shares) {
+            let p = whole[contact as usize * rows..][..rows].iter().copied();
+            let q = &mut reduced[share.group as usize * self.rows..][..self.rows];
+            for (sum, value) in q.iter_mut().zip(share.seen(self.rows, p)) {
+                *sum += value;
+            }
+        }
+        reduced
+    }
+}
+
+impl Share {
+    /// C_iᵀ x for a vector x of the contact.
+    fn seen(&self, rows: usize, x: impl Iterator<Item = f64>) -> [f64; 3] {
+        let mut full = [0.0; 3];
+        full.iter_mut().zip(x).for_each(|(out, value)| *out = value);
+        if rows == 2 {
+            let [cos, sin] = self.tangent;
+            full[1] = cos * full[1] + sin * full[2];
+        }
+        full
+    }
+
+    /// How much of the tangential part of x is not among the rows kept.
+    fn hidden(&self, rows: usize, x: &[f64]) -> f64 {
+        match (rows, x) {
+            (1, [_, tangents @ ..]) => tangents.iter().fold(0.0, |most, x| most.max(x.abs())),
+            (2, [_, first, second]) => (self.tangent[0] * second - self.tangent[1] * first).abs(),
+            _ => 0.0,
+        }
+    }
+
+    /// line += weight × row r of C_iᵀ Ĵ_i for one block.
+    pub fn add_seen(&self, view: &View, place: usize, r: usize, weight: f64, line: &mut [f64]) {
+        let mut add = |row: usize, weight: f64| {
+            for (sum, value) in line.iter_mut().zip(view.row(place, row)) {
+                *sum += weight * value;
+            }
+        };
+        if r == 1 && self.tangent != [1.0, 0.0] {
+            add(1, weight * self.tangent[0]);
+            add(2, weight * self.tangent[1]);
+        } else {
+            add(r, weight);
+        }
+    }
+}
+
+/// The bodies of one island, numbered from zero.
+pub struct LocalBodies {
+    number: Vec<u32>,
+    seen: Vec<u32>,
+}
+
+impl LocalBodies {
+    pub fn new(bodies: usize) -> Self {
+        Self {
+            number: vec![u32::MAX; bodies],
+            seen: Vec::new(),
+        }
+    }
+
+    /// Forgets the bodies before, and numbers those of these contacts.
+    pub fn renumber(&mut self, view: &View, contacts: &[u32]) {
+        for body in self.seen.drain(..) {
+            self.number[body as usize] = u32::MAX;
+        }
+        for &contact in contacts {
+            for &body in view.bodies_of(contact) {
+                let number = &mut self.number[body as usize];
+                if *number == u32::MAX {
+                    *number = self.seen.len() as u32;
+                    self.seen.push(body);
+                }
+            }
+        }
+    }
+
+    pub fn number(&self, body: u32) -> usize {
+        self.number[body as usize] as usize
+    }
+
+    pub fn count(&self) -> usize {
+        self.seen.len()
+    }
+}
+
+pub fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(x, y)| x * y).sum()
+}
+
+pub fn size(a: &[f64]) -> f64 {
+    dot(a, a).sqrt()
+}
+
+pub fn largest(values: &[f64]) -> f64 {
+    values.iter().fold(0.0, |most, value| most.max(value.abs()))
+}

@@ -1,0 +1,102 @@
+//! Presolve: the smallest stacked systems with the same answer, solved in the place of the one that was asked, and the
+//! way back to its impulses.
+//!
+//! # What makes a reduction exact
+//!
+//! Contacts i are gathered in groups g, each with weights w_i > 0 that add up to one and frames C_i (rows × R, orthonormal
+//! columns, the first of them the normal), and every body b gets a subspace V_b of its whitened velocities with an
+//! orthonormal basis Q_b. The reduced system has one contact for each group,
+//!
+//! ```text
+//! J'_g = Σ_i w_i C_iᵀ Ĵ_i Q,    A' = J' J'ᵀ,    B'_g = Σ_i w_i C_iᵀ B_i,    μ'_g = μ_i,
+//! ```
+//!
+//! and its impulses q are lifted to p_i = w_i C_i q_g. If
+//!
+//! ```text
+//! (a)  Σ_i w_i C_iᵀ Ĵ_i = J'_g Qᵀ        forces stay within V,
+//! (b)  Ĵ_i Q = C_i J'_g                   so that velocities in V look the same from every contact of a group,
+//! (c)  B_i = C_i B'_g                     and so does what they are to cancel,
+//! ```
+//!
+//! then p solves the system exactly where q solves the reduced one. *Proof*: Ĵᵀ p = Σ_g (Σ_i w_i C_iᵀ Ĵ_i)ᵀ q_g = Q J'ᵀ q by
+//! (a), hence u_i = Ĵ_i Q J'ᵀ q − B_i = C_i (J'_g J'ᵀ q − B'_g) = C_i u'_g by (b) and (c). C_i keeps lengths and the normal,
+//! and the laws of contact (frictionless, convex, Coulomb's) are isotropic and do not change when impulses are multiplied
+//! by w_i > 0: they hold for (p_i, u_i) exactly where they hold for (q_g, u'_g). ∎
+//!
+//! Where a contact has no friction its tangential rows appear in no law: (b) and (c) are then asked of the normal alone,
+//! and the velocities along the tangents are what they are.
+//!
+//! A convex law has one velocity, so that it is the same with and without presolve. Coulomb's law may have several exact
+//! solutions; then presolve may choose another one of them.
+//!
+//! `islands` cuts the system apart, `collinear`, `planar`, `translational` and `spatial` each propose groups, frames and
+//! subspaces for an island, the smallest first, and `lift` puts the proposal to (a), (b) and (c), whoever made it: what
+//! fails by more than rounding is not reduced. `inactive` and `single` need no iteration at all.
+
+mod collinear;
+mod inactive;
+mod islands;
+mod lift;
+mod planar;
+mod single;
+mod solving;
+mod spatial;
+mod translational;
+
+pub use lift::Model;
+pub use solving::{Presolved, Size, Summary, solve, summary};
+
+use crate::exact::Law;
+
+/// What is rounding: of rows of Ĵ relative to their length, of B relative to its largest entry.
+const ROUNDING: f64 = 1e-12;
+
+/// A stacked system in the form with Ĵ, as the reductions read it.
+#[derive(Clone, Copy)]
+pub struct View<'a> {
+    /// Rows per contact, the normal first.
+    pub rows: usize,
+    /// Velocities per body.
+    pub width: usize,
+    pub bodies: usize,
+    pub starts: &'a [usize],
+    pub columns: &'a [u32],
+    /// Blocks of Ĵ, rows × width each.
+    pub whitened: &'a [f64],
+    /// Blocks of J, where bodies have three translations, in an orthonormal frame that is the same for all, and then
+    /// rotations or none. Only the recognition of planes needs them.
+    pub jacobian: Option<&'a [f64]>,
+    pub b: &'a [f64],
+    pub friction: &'a [f64],
+    pub law: Law,
+}
+
+impl<'a> View<'a> {
+    pub fn contacts(&self) -> usize {
+        self.friction.len()
+    }
+
+    /// The blocks of a contact, by their place.
+    fn places(&self, contact: u32) -> std::ops::Range<usize> {
+        self.starts[contact as usize]..self.starts[contact as usize + 1]
+    }
+
+    fn bodies_of(&self, contact: u32) -> &'a [u32] {
+        &self.columns[self.places(contact)]
+    }
+
+    /// One row of a block of Ĵ.
+    fn row(&self, place: usize, row: usize) -> &'a [f64] {
+        &self.whitened[(place * self.rows + row) * self.width..][..self.width]
+    }
+
+    fn target(&self, contact: u32) -> &'a [f64] {
+        &self.b[contact as usize * self.rows..][..self.rows]
+    }
+
+    /// Whether the law says something about the tangents of this contact.
+    fn has_friction(&self, contact: u32) -> bool {
+        self.law != Law::Normal && self.rows > 1 && self.friction[contact as usize] > 0.0
+    }
+}

@@ -1,0 +1,313 @@
+//! Reduce, solve the parts, on several threads where that pays, and lift what was found.
+
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use crate::exact::{self, Law, Limits, Method, Operator, Problem, Report, Status};
+
+use super::lift::{LARGEST, LocalBodies, Model, Part, Proposal, size};
+use super::{View, collinear, inactive, islands, planar, single, spatial, translational};
+
+/// Contacts, from which on a thread is started: it takes some 30 µs, as long as so many take to be solved.
+const WORTH_A_THREAD: usize = 64;
+/// A tolerance below the rounding of a residual is never reached.
+const FINEST: f64 = 1e-15;
+
+/// How much of a system there is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Size {
+    pub contacts: usize,
+    pub rows: usize,
+    pub velocities: usize,
+}
+
+impl Size {
+    fn add(&mut self, other: Self) {
+        self.contacts += other.contacts;
+        self.rows += other.rows;
+        self.velocities += other.velocities;
+    }
+
+    fn less(self, other: Self) -> Self {
+        Self {
+            contacts: self.contacts - other.contacts,
+            rows: self.rows - other.rows,
+            velocities: self.velocities - other.velocities,
+        }
+    }
+}
+
+/// What presolve did: the size of the system before and after, and what each reduction took away.
+#[derive(Clone, Debug, Default)]
+pub struct Summary {
+    pub islands: usize,
+    pub before: Size,
+    pub after: Size,
+    /// (reduction, islands, what it removed).
+    pub reductions: Vec<(&'static str, usize, Size)>,
+}
+
+impl Summary {
+    fn count(&mut self, name: &'static str, islands: usize, removed: Size) {
+        if removed == Size::default() {
+            return;
+        }
+        match self.reductions.iter_mut().find(|entry| entry.0 == name) {
+            Some(entry) => {
+                entry.1 += islands;
+                entry.2.add(removed);
+            }
+            None => self.reductions.push((name, islands, removed)),
+        }
+    }
+}
+
+/// The impulses of the whole system, and what presolve did.
+pub struct Presolved {
+    pub report: Report,
+    pub summary: Summary,
+}
+
+/// What is left of a system: impulses known already, and parts to be solved.
+struct Reduced {
+    impulse: Vec<f64>,
+    parts: Vec<Part>,
+    summary: Summary,
+}
+
+/// What presolve would do, without solving anything.
+pub fn summary(view: &View) -> Summary {
+    let whole = whole_size(view);
+    reduce(view).map_or_else(
+        || Summary {
+            islands: 1,
+            before: whole,
+            after: whole,
+            reductions: Vec::new(),
+        },
+        |reduced| reduced.summary,
+    )
+}
+
+/// Solves the reduced system; None where there is nothing to reduce. `start`, impulses of the whole system, is where
+/// proximal Newton begins.
+pub fn solve(
+    view: &View,
+    method: Method,
+    limits: &Limits,
+    start: Option<&[f64]>,
+    threads: usize,
+) -> Option<Presolved> {
+    let Reduced {
+        mut impulse,
+        parts,
+        summary,
+    } = reduce(view)?;
+    let whole = size(view.b);
+    let share = 1.0 / view.contacts() as f64;
+    let solve_part = |part: &Part| -> Report {
+        let problem = Problem::new(
+            Operator::Velocity(part.matrix.clone()),
+            &part.b,
+            &part.friction,
+            view.law,
+        )
+        .expect("a part is a system");
+        let mut own = *limits;
+        own.tolerance = (own.tolerance * part.allowance(view, whole, share)).max(FINEST);
+        let start = start.map(|start| part.restrict(view.rows, start));
+        exact::solve(&problem, method, &own, start.as_deref())
+    };
+    let reports = each(&parts, threads, &solve_part);
+    let mut report = Report {
+        impulse: Vec::new(),
+        residual: 0.0,
+        status: Status::Solved,
+        iterations: 0,
+        factorisations: 0,
+        fill: 0,
+        history: Vec::new(),
+        fallbacks: Vec::new(),
+        infeasibility: None,
+    };
+    for (part, found) in parts.iter().zip(reports) {
+        part.lift(view.rows, &found.impulse, &mut impulse);
+        report.residual = report
+            .residual
+            .hypot(found.residual * size(&part.b) / whole);
+        report.iterations = report.iterations.max(found.iterations);
+        report.factorisations += found.factorisations;
+        report.fill += found.fill;
+        for name in found.fallbacks {
+            if !report.fallbacks.contains(&name) {
+                report.fallbacks.push(name);
+            }
+        }
+        if let Some(ray) = found.infeasibility {
+            let lifted = report
+                .infeasibility
+                .get_or_insert_with(|| vec![0.0; view.b.len()]);
+            part.lift(view.rows, &ray, lifted);
+        }
+        report.status = worse(report.status, found.status);
+        if parts.len() == 1 {
+            report.history = found.history;
+        }
+    }
+    if parts.len() > 1 {
+        report.history.push((report.iterations, report.residual));
+    }
+    report.impulse = impulse;
+    Some(Presolved { report, summary })
+}
+
+/// Runs one task for each part, the largest parts first, and returns the results in the order of the parts.
+fn each<T: Send>(parts: &[Part], threads: usize, task: &(impl Fn(&Part) -> T + Sync)) -> Vec<T> {
+    let total: usize = parts.iter().map(|part| part.friction.len()).sum();
+    let helpers = (threads.min(parts.len()).max(1) - 1).min(total / WORTH_A_THREAD);
+    if helpers == 0 {
+        return parts.iter().map(task).collect();
+    }
+    let mut order: Vec<usize> = (0..parts.len()).collect();
+    order.sort_by_key(|&part| std::cmp::Reverse(parts[part].matrix.values.len()));
+    let results: Vec<Mutex<Option<T>>> = parts.iter().map(|_| Mutex::new(None)).collect();
+    let next = AtomicUsize::new(0);
+    let work = || {
+        while let Some(&part) = order.get(next.fetch_add(1, Ordering::Relaxed)) {
+            let result = task(&parts[part]);
+            *results[part]
+                .lock()
+                .expect("no task panics with a result locked") = Some(result);
+        }
+    };
+    std::thread::scope(|scope| {
+        (0..helpers).for_each(|_| {
+            scope.spawn(work);
+        });
+        work();
+    });
+    let done = |result: Mutex<Option<T>>| {
+        result
+            .into_inner()
+            .ok()
+            .flatten()
+            .expect("every part was visited")
+    };
+    results.into_iter().map(done).collect()
+}
+
+/// The parts that are left of a system, or None where nothing can be taken from it.
+fn reduce(view: &View) -> Option<Reduced> {
+    let mut parts = Vec::new();
+    let mut impulse = vec![0.0; view.b.len()];
+    let mut summary = Summary {
+        before: whole_size(view),
+        ..Summary::default()
+    };
+    let mut local = LocalBodies::new(view.bodies);
+    let islands = islands::islands(view);
+    summary.islands = islands.len();
+    let alone = islands.len() == 1;
+    let mut touched = 0;
+    for mut contacts in islands {
+        local.renumber(view, &contacts);
+        touched += local.count();
+        let whole = Size {
+            contacts: contacts.len(),
+            rows: contacts.len() * view.rows,
+            velocities: local.count() * view.width,
+        };
+        if inactive::nothing_closes(view, &contacts) {
+            summary.count("inactive", 1, whole);
+            continue;
+        }
+        let by_bodies = |one: &u32, other: &u32| view.bodies_of(*one).cmp(view.bodies_of(*other));
+        if !contacts.is_sorted_by(|one, other| by_bodies(one, other).is_le()) {
+            contacts.sort_by(by_bodies);
+        }
+        let part = smallest(view, &contacts, &local);
+        if alone && part.model == Model::Spatial && part.friction.len() == contacts.len() {
+            // The whole system is the only part: nothing was gained, unless it is a single contact.
+            if contacts.len() > 1 {
+                return None;
+            }
+        }
+        let left = Size {
+            contacts: part.friction.len(),
+            rows: part.b.len(),
+            velocities: part.matrix.block_columns * part.matrix.width,
+        };
+        summary.count(name(&part), 1, whole.less(left));
+        match single::solve(&part, view.law) {
+            Some(found) => {
+                part.lift(view.rows, &found, &mut impulse);
+                summary.count("closed form", 1, left);
+            }
+            None => {
+                summary.after.add(left);
+                parts.push(part);
+            }
+        }
+    }
+    let free = (view.bodies - touched.min(view.bodies)) * view.width;
+    let removed = Size {
+        velocities: free,
+        ..Size::default()
+    };
+    summary.count("free bodies", 0, removed);
+    Some(Reduced {
+        impulse,
+        parts,
+        summary,
+    })
+}
+
+/// The smallest exact model of an island.
+fn smallest(view: &View, contacts: &[u32], local: &LocalBodies) -> Part {
+    let mut runs = Vec::new();
+    let mut begin = 0;
+    for run in contacts.chunk_by(|&one, &other| view.bodies_of(one) == view.bodies_of(other)) {
+        runs.push(begin..begin + run.len());
+        begin += run.len();
+    }
+    let stands = |proposal: Proposal| Part::new(view, contacts, proposal, local);
+    if view.width <= LARGEST {
+        let collinear = collinear::propose(view, contacts, &runs, local).and_then(stands);
+        let found =
+            collinear.or_else(|| planar::propose(view, contacts, &runs, local).and_then(stands));
+        if let Some(part) = found {
+            return part;
+        }
+    }
+    let all = spatial::propose(view, contacts, &runs);
+    let proposal = translational::propose(view, contacts, local, all);
+    stands(proposal).expect("equal rows and rows of zeros are exact")
+}
+
+fn whole_size(view: &View) -> Size {
+    Size {
+        contacts: view.contacts(),
+        rows: view.b.len(),
+        velocities: view.bodies * view.width,
+    }
+}
+
+fn name(part: &Part) -> &'static str {
+    match part.model {
+        Model::Spatial => "duplicates",
+        Model::Frictionless => "frictionless",
+        Model::Translational => "translational",
+        Model::Planar => "planar",
+        Model::Collinear => "collinear",
+    }
+}
+
+fn worse(one: Status, other: Status) -> Status {
+    let rank = |status| match status {
+        Status::Solved => 0,
+        Status::Stalled => 1,
+        Status::MaxIterations => 2,
+        Status::Infeasible => 3,
+    };
+    if rank(other) > rank(one) { other } else { one }
+}

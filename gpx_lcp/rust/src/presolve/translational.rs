@@ -1,0 +1,27 @@
+//! Translational islands: point masses, and bodies whose contacts push through their centres of mass.
+//!
+//! Where the rows in the law have no entry beyond the first three velocities of a body, the others get no impulse and are
+//! seen by no contact: V is spanned by the first three, (a) and (b) hold because Ĵ_i Q Qᵀ = Ĵ_i, (c) because C_i = I or,
+//! without friction, the normal. Frictionless spheres are the common case.
+
+use super::View;
+use super::lift::{Basis, Columns, LARGEST, LocalBodies, Model, Proposal, WIDEST};
+
+/// Take a proposal that keeps all velocities, and keep the translations.
+pub fn propose(view: &View, contacts: &[u32], local: &LocalBodies, all: Proposal) -> Proposal {
+    let turns = |&contact: &u32| {
+        view.places(contact).any(|place| {
+            (0..all.rows).any(|row| view.row(place, row)[WIDEST..].iter().any(|x| *x != 0.0))
+        })
+    };
+    if view.width <= WIDEST || view.width > LARGEST || contacts.iter().any(turns) {
+        return all;
+    }
+    let mut translations: Basis = [[0.0; LARGEST]; WIDEST];
+    (0..WIDEST).for_each(|axis| translations[axis][axis] = 1.0);
+    Proposal {
+        model: Model::Translational,
+        columns: Columns::Some(WIDEST, vec![translations; local.count()]),
+        ..all
+    }
+}
