@@ -69,7 +69,7 @@ class NativeSolver:
             history=tuple(step.history),
             fallbacks=tuple(step.fallbacks),
             extras=extras,
-            presolve=step.presolve,
+            presolved=step.presolve,
         )
         moved = {} if step.start_moved is None else {"warm_start_moved": step.start_moved}
         return judged(request, self.row, outcome, moved)

@@ -10,7 +10,7 @@ from typing import Any
 
 from formulations import Certificate, StackedSystem, certify
 from formulations.checks import Array
-from gpx_lcp.presolved import Presolve
+from gpx_lcp.presolved import Counted, Presolve
 
 
 class Status(Enum):
@@ -57,6 +57,8 @@ class Solution:
         Residual of the program after so many iterations, where the solver tells.
     extras : mapping
         The solver's own figures.
+    presolved : tuple or None
+        What `presolve` is made from.
     presolve : Presolve or None
         What presolve removed before the solver ran; None where it was off, or found nothing to remove.
     """
@@ -72,7 +74,7 @@ class Solution:
     solve_seconds: float
     history: tuple[tuple[int, float], ...] = ()
     extras: Mapping[str, Any] = field(default_factory=dict)
-    presolve: Presolve | None = None
+    presolved: Counted | None = field(default=None, repr=False)
 
     @cached_property
     def velocity(self) -> Array:
@@ -83,6 +85,11 @@ class Solution:
     def certificate(self) -> Certificate:
         """The impulses against the exact Coulomb law."""
         return certify(self.system, self.impulse)
+
+    @property
+    def presolve(self) -> Presolve | None:
+        """What presolve removed before the solver ran."""
+        return None if self.presolved is None else Presolve.of(self.presolved)
 
     def __repr__(self) -> str:
         return (

@@ -14,7 +14,6 @@ from formulations import DEFAULT_FACETS, FORMULATIONS, PROJECTIONS, StackedSyste
 from formulations.checks import Array, as_array
 from gpx_lcp.core_system import program_residual
 from gpx_lcp.errors import BackendMissing, ProblemError, SettingsError
-from gpx_lcp.presolved import Presolve
 from gpx_lcp.solution import Solution, Status
 from gpx_lcp.solvers import Outcome, Request, Solver, solvers
 
@@ -192,7 +191,7 @@ def judged(request: Request, row: Solver, outcome: Outcome, extras: Mapping[str,
         solve_seconds=outcome.solve_seconds,
         history=outcome.history,
         extras={**outcome.extras, **extras},
-        presolve=None if outcome.presolve is None else Presolve.of(outcome.presolve),
+        presolved=outcome.presolved,
     )
 
 

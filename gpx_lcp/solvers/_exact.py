@@ -47,7 +47,7 @@ def run_exact(request: Request, method: str) -> Outcome:
         history=tuple(report.history),
         fallbacks=tuple(report.fallbacks),
         extras=extras,
-        presolve=report.presolve,
+        presolved=report.presolve,
     )
 
 

@@ -59,7 +59,7 @@ class Outcome:
         Why the solver stopped, in its own opinion.
     program : str
         The program it solved, a key of `formulations.RESIDUALS`.
-    presolve : tuple or None
+    presolved : tuple or None
         What presolve did, as the core counts it.
     """
 
@@ -72,7 +72,7 @@ class Outcome:
     history: tuple[tuple[int, float], ...] = ()
     fallbacks: tuple[str, ...] = ()
     extras: Mapping[str, Any] = field(default_factory=dict)
-    presolve: Counted | None = None
+    presolved: Counted | None = None
 
 
 @dataclass(frozen=True)

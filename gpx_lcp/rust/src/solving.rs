@@ -150,7 +150,10 @@ fn solve_exactly(
         Program::Coulomb => exact::Law::Coulomb,
         Program::Polygon(_) => unreachable!("no exact method solves polygons: refused when made"),
     };
+    // A start that is a solution needs no smaller system.
+    let answered_already = |start: &[f64]| program.residual(stack, start) <= limits.tolerance;
     let presolved = presolve
+        .filter(|_| !start.is_some_and(answered_already))
         .and_then(|threads| presolve::solve(&view(stack, law), method, limits, start, threads));
     if let Some(presolve::Presolved { report, summary }) = presolved {
         return answered(report, limits, begun, begun, Some(summary));

@@ -71,8 +71,7 @@ pub struct Part {
     pub matrix: BlockMatrix,
     pub b: Vec<f64>,
     pub friction: Vec<f64>,
-    /// How much larger the residual of the lifted impulses can be than that of the reduced ones, both relative to B.
-    pub growth: f64,
+    growth: Growth,
 }
 
 impl Part {
@@ -90,6 +89,9 @@ impl Part {
             shares,
             columns,
         } = proposal;
+        if model == Model::Spatial && groups == contacts.len() {
+            return Some(Self::untouched(view, contacts, shares, local));
+        }
         let width = match columns {
             Columns::All => view.width,
             Columns::Some(width, _) => width,
@@ -109,12 +111,52 @@ impl Part {
             b: vec![0.0; groups * rows],
             friction: vec![0.0; groups],
             shares,
-            growth: 1.0,
+            growth: Growth::default(),
         };
         part.gather_targets(view)?;
         part.gather_blocks(view, &columns, local)?;
-        part.growth = part.bound_on_growth(view);
+        part.growth = part.growth_of(view);
         Some(part)
+    }
+
+    /// The contacts as they are, without those of other islands.
+    fn untouched(view: &View, contacts: &[u32], shares: Vec<Share>, local: &LocalBodies) -> Self {
+        let area = view.rows * view.width;
+        let mut matrix = BlockMatrix {
+            starts: Vec::with_capacity(contacts.len() + 1),
+            columns: Vec::with_capacity(2 * contacts.len()),
+            values: Vec::with_capacity(2 * contacts.len() * area),
+            height: view.rows,
+            width: view.width,
+            block_columns: local.count(),
+        };
+        matrix.starts.push(0);
+        let mut b = Vec::with_capacity(contacts.len() * view.rows);
+        for &contact in contacts {
+            let places = view.places(contact);
+            let bodies = view.bodies_of(contact).iter();
+            matrix
+                .columns
+                .extend(bodies.map(|&body| local.number(body) as u32));
+            matrix
+                .values
+                .extend_from_slice(&view.whitened[places.start * area..places.end * area]);
+            matrix.starts.push(matrix.columns.len());
+            b.extend_from_slice(view.target(contact));
+        }
+        let friction = contacts
+            .iter()
+            .map(|&contact| view.friction[contact as usize]);
+        Self {
+            model: Model::Spatial,
+            contacts: contacts.to_vec(),
+            rows: view.rows,
+            matrix,
+            b,
+            friction: friction.collect(),
+            shares,
+            growth: Growth::default(),
+        }
     }
 
     /// Σ_i w_i C_iᵀ B_i, and condition (c).
@@ -128,7 +170,7 @@ impl Part {
             }
             self.friction[share.group as usize] = view.friction[contact as usize];
         }
-        let largest = largest(&self.b);
+        let largest = largest(view.b);
         for (&contact, share) in self.contacts.iter().zip(&self.shares) {
             let target = view.target(contact);
             let group = &self.b[share.group as usize * rows..][..rows];
@@ -153,22 +195,19 @@ impl Part {
     /// J' and conditions (a) and (b).
     fn gather_blocks(&mut self, view: &View, columns: &Columns, local: &LocalBodies) -> Option<()> {
         let (rows, width, groups) = (self.rows, self.matrix.width, self.friction.len());
-        let mut members: Vec<Vec<u32>> = vec![Vec::new(); groups];
-        for (index, share) in self.shares.iter().enumerate() {
-            members[share.group as usize].push(index as u32);
-        }
+        let (order, ends) = members(&self.shares, groups);
         let mut sum = vec![0.0; rows * view.width];
-        for members in &members {
+        let mut begin = 0;
+        for &end in &ends {
+            let members = &order[begin..end];
+            begin = end;
             let first = self.contacts[members[0] as usize];
             for (slot, &body) in view.bodies_of(first).iter().enumerate() {
                 sum.fill(0.0);
                 let mut length = 0.0_f64;
                 for &member in members {
-                    let (contact, share) = (
-                        self.contacts[member as usize],
-                        &self.shares[member as usize],
-                    );
-                    let place = view.places(contact).start + slot;
+                    let share = &self.shares[member as usize];
+                    let place = view.places(self.contacts[member as usize]).start + slot;
                     for (r, line) in sum.chunks_exact_mut(view.width).enumerate() {
                         share.add_seen(view, place, r, share.weight, line);
                     }
@@ -187,23 +226,22 @@ impl Part {
                     continue;
                 };
                 let basis = &bases[body];
-                let begin = self.matrix.values.len();
-                for line in sum.chunks_exact(view.width) {
+                let mut block = [[0.0; WIDEST]; 3];
+                for (line, entries) in sum.chunks_exact(view.width).zip(&mut block) {
                     let mut rest = [0.0; LARGEST];
                     rest[..view.width].copy_from_slice(line);
-                    for vector in &basis[..width] {
-                        let entry = dot(line, vector);
-                        self.matrix.values.push(entry);
+                    for (entry, vector) in entries[..width].iter_mut().zip(basis) {
+                        *entry = dot(line, vector);
                         for (value, direction) in rest.iter_mut().zip(vector) {
-                            *value -= entry * direction;
+                            *value -= *entry * direction;
                         }
                     }
                     // (a)
                     if !(size(&rest) <= ROUNDING * length.max(size(line))) {
                         return None;
                     }
+                    self.matrix.values.extend_from_slice(&entries[..width]);
                 }
-                let block = self.matrix.values[begin..].to_vec();
                 self.same_from_all(view, members, slot, basis, &block, length)?;
             }
             self.matrix.starts.push(self.matrix.columns.len());
@@ -242,7 +280,7 @@ impl Part {
         members: &[u32],
         slot: usize,
         basis: &Basis,
-        block: &[f64],
+        block: &[[f64; WIDEST]; 3],
         length: f64,
     ) -> Option<()> {
         let width = self.matrix.width;
@@ -258,7 +296,7 @@ impl Part {
                 let bound =
                     ROUNDING * length.max(seen.iter().fold(0.0, |most, x| most.max(x.abs())));
                 let found = share.seen(self.rows, seen[..view.rows].iter().copied());
-                let same = (0..self.rows).all(|r| (found[r] - block[r * width + k]).abs() <= bound);
+                let same = (0..self.rows).all(|r| (found[r] - block[r][k]).abs() <= bound);
                 let hidden = if view.has_friction(contact) {
                     share.hidden(self.rows, &seen[..view.rows])
                 } else {
@@ -272,10 +310,7 @@ impl Part {
         Some(())
     }
 
-    /// The natural map N(d) = ‖d p − P(d p − û)‖ rises with d, and N(d)/d falls. A lifted contact has d_i w_i in the place
-    /// of the reduced d'_g, hence N_i ≤ max(1, d_i w_i / d'_g) N'_g, and each ‖B_i‖ is ‖B'_g‖ where there is friction, at
-    /// least that where there is none: the sums over contacts differ by at most the sizes m_g of the groups.
-    fn bound_on_growth(&self, view: &View) -> f64 {
+    fn growth_of(&self, view: &View) -> Growth {
         let reduced = self.matrix.starts.windows(2).map(|range| {
             let mut diagonal = [0.0; 3];
             let area = self.rows * self.matrix.width;
@@ -287,7 +322,7 @@ impl Part {
         });
         let reduced: Vec<f64> = reduced.collect();
         let mut sizes = vec![0.0_f64; reduced.len()];
-        let mut growth = 1.0_f64;
+        let mut factor = 1.0_f64;
         for (&contact, share) in self.contacts.iter().zip(&self.shares) {
             let mut diagonal = [0.0; 3];
             for place in view.places(contact) {
@@ -300,12 +335,15 @@ impl Part {
             let group = share.group as usize;
             sizes[group] += 1.0;
             if reduced[group] > 0.0 {
-                growth = growth.max(share.weight * full / reduced[group]);
+                factor = factor.max(share.weight * full / reduced[group]);
             }
         }
         let most = sizes.iter().fold(1.0, |most: f64, &size| most.max(size));
-        let least = sizes.iter().fold(most, |least: f64, &size| least.min(size));
-        growth * (most / least).sqrt()
+        Growth {
+            factor,
+            least: sizes.iter().fold(most, |least, &size| least.min(size)),
+            most,
+        }
     }
 
     /// How much of the tolerance of the whole, relative to ‖B‖ = `whole`, this part may use relative to its own B.
@@ -319,7 +357,33 @@ impl Part {
             .map(|&contact| dot(view.target(contact), view.target(contact)))
             .sum();
         let allowed = 0.5 * (own + whole * whole * share * self.contacts.len() as f64);
-        (allowed / own).sqrt() / self.growth
+        (allowed / own).sqrt() / self.growth.bound()
+    }
+
+    /// Takes another part of the same shape in.
+    pub fn append(&mut self, other: Self) {
+        let groups = self.friction.len() as u32;
+        let blocks = self.matrix.columns.len();
+        let bodies = self.matrix.block_columns as u32;
+        self.contacts.extend(other.contacts);
+        self.shares
+            .extend(other.shares.into_iter().map(|share| Share {
+                group: share.group + groups,
+                ..share
+            }));
+        let starts = other.matrix.starts[1..].iter();
+        self.matrix
+            .starts
+            .extend(starts.map(|start| start + blocks));
+        let columns = other.matrix.columns.iter();
+        self.matrix
+            .columns
+            .extend(columns.map(|body| body + bodies));
+        self.matrix.values.extend(other.matrix.values);
+        self.matrix.block_columns += other.matrix.block_columns;
+        self.b.extend(other.b);
+        self.friction.extend(other.friction);
+        self.growth.join(other.growth);
     }
 
     /// p_i = w_i C_i q_g into the impulses of the whole system.
@@ -352,6 +416,41 @@ impl Part {
             }
         }
         reduced
+    }
+}
+
+/// How much larger the residual of the lifted impulses can be than that of the reduced ones, both relative to B.
+///
+/// The natural map N(d) = ‖d p − P(d p − û)‖ rises with d, and N(d)/d falls. A lifted contact has d_i w_i in the place
+/// of the reduced d'_g, hence N_i ≤ max(1, d_i w_i / d'_g) N'_g, and each ‖B_i‖ is ‖B'_g‖ where there is friction, at
+/// least that where there is none: the sums over contacts differ by at most the sizes m_g of the groups.
+#[derive(Clone, Copy)]
+struct Growth {
+    factor: f64,
+    /// The smallest and the largest m_g.
+    least: f64,
+    most: f64,
+}
+
+impl Default for Growth {
+    fn default() -> Self {
+        Self {
+            factor: 1.0,
+            least: 1.0,
+            most: 1.0,
+        }
+    }
+}
+
+impl Growth {
+    fn join(&mut self, other: Self) {
+        self.factor = self.factor.max(other.factor);
+        self.least = self.least.min(other.least);
+        self.most = self.most.max(other.most);
+    }
+
+    fn bound(&self) -> f64 {
+        self.factor * (self.most / self.least).sqrt()
     }
 }
 
@@ -390,6 +489,25 @@ impl Share {
             add(r, weight);
         }
     }
+}
+
+/// Indices of shares, group by group, and where each group ends.
+pub fn members(shares: &[Share], groups: usize) -> (Vec<u32>, Vec<usize>) {
+    let mut ends = vec![0; groups];
+    for share in shares {
+        ends[share.group as usize] += 1;
+    }
+    let mut sum = 0;
+    for end in &mut ends {
+        (sum, *end) = (sum + *end, sum);
+    }
+    let mut order = vec![0; shares.len()];
+    for (index, share) in shares.iter().enumerate() {
+        let place = &mut ends[share.group as usize];
+        order[*place] = index as u32;
+        *place += 1;
+    }
+    (order, ends)
 }
 
 /// The bodies of one island, numbered from zero.

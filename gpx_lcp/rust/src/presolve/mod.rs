@@ -32,8 +32,9 @@
 //!
 //! `islands` cuts the system apart, `collinear`, `planar`, `translational` and `spatial` each propose groups, frames and
 //! subspaces for an island, the smallest first, and `lift` puts the proposal to (a), (b) and (c), whoever made it: what
-//! fails by more than rounding is not reduced. `inactive` and `single` need no iteration at all.
+//! fails by more than rounding is not reduced. `inactive`, `single` and `chain` need no iteration at all.
 
+mod chain;
 mod collinear;
 mod inactive;
 mod islands;

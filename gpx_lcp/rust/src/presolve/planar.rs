@@ -10,7 +10,9 @@
 //! The weights of m contacts at y_i along e, from the plane through the body's centre of mass, are the smallest with Σ w = 1,
 //! Σ w y = 0: w_i = (Σ y² − y_i Σ y) / (m Σ y² − (Σ y)²), equal ones where the contacts lie symmetrically.
 
-use super::lift::{Basis, Columns, LARGEST, LocalBodies, Model, Proposal, Share, largest, size};
+use super::lift::{
+    Basis, Columns, LARGEST, LocalBodies, Model, Proposal, Share, largest, members, size,
+};
 use super::{ROUNDING, View};
 
 type Axis = [f64; 3];
@@ -55,8 +57,8 @@ impl Frames<'_> {
         ([line[0], line[1], line[2]], moment)
     }
 
-    /// What the plane can be perpendicular to: two normals that are not parallel decide, then the direction of sliding
-    /// beside a normal; where everything rests on parallel normals, either tangent may.
+    /// What the plane can be perpendicular to: two normals that are not parallel decide; beside parallel ones either
+    /// tangent may be, and at last whatever is perpendicular to the fastest sliding.
     fn normals_of_plane(&self, contacts: &[u32]) -> Option<Vec<Axis>> {
         let moved = |&&contact: &&u32| !self.view.places(contact).is_empty();
         let first = *contacts.iter().find(moved)?;
@@ -68,23 +70,24 @@ impl Frames<'_> {
             }
         }
         let rows = self.view.rows;
-        let mut most = (0.0, [0.0; 3]);
+        let mut axes: Vec<Axis> = (1..rows).map(|row| self.row(first, row).0).collect();
+        let mut fastest = (DISTINCT * largest(self.view.b), [0.0; 3]);
         for &contact in contacts.iter().filter(moved) {
-            let mut sliding = [0.0; 3];
-            for row in 1..rows {
-                let (tangent, _) = self.row(contact, row);
-                let speed = self.view.target(contact)[row];
-                (0..3).for_each(|k| sliding[k] += speed * tangent[k]);
-            }
-            let speed = size(&sliding);
-            if speed > most.0 {
-                most = (speed, cross(&normal, &sliding));
+            let target = self.view.target(contact);
+            let speed = size(&target[1..]);
+            if speed > fastest.0 {
+                let mut sliding = [0.0; 3];
+                for row in 1..rows {
+                    let (tangent, _) = self.row(contact, row);
+                    (0..3).for_each(|k| sliding[k] += target[row] / speed * tangent[k]);
+                }
+                fastest = (speed, cross(&normal, &sliding));
             }
         }
-        if most.0 > ROUNDING * largest(self.view.b) && size(&most.1) > 0.0 {
-            return Some(vec![unit(most.1)]);
+        if size(&fastest.1) > 0.0 {
+            axes.push(unit(fastest.1));
         }
-        Some((1..rows).map(|row| self.row(first, row).0).collect())
+        Some(axes)
     }
 
     fn in_plane(
@@ -119,7 +122,14 @@ impl Frames<'_> {
                 balance(&mut shares[run.clone()], &places, group)?;
             }
         }
-        let columns = self.velocities(contacts, &shares, local, axis, frictionless);
+        let columns = self.velocities(
+            contacts,
+            &shares,
+            groups as usize,
+            local,
+            axis,
+            frictionless,
+        );
         Some(Proposal {
             model: Model::Planar,
             rows: if frictionless { 1 } else { 2 },
@@ -169,6 +179,7 @@ impl Frames<'_> {
         &self,
         contacts: &[u32],
         shares: &[Share],
+        groups: usize,
         local: &LocalBodies,
         axis: &Axis,
         frictionless: bool,
@@ -194,13 +205,19 @@ impl Frames<'_> {
         }
         let rows = if frictionless { 1 } else { 2 };
         let mut turning = vec![(0.0, [0.0; 3]); local.count()];
-        let mut members: Vec<usize> = (0..contacts.len()).collect();
-        members.sort_by_key(|&index| shares[index].group);
-        for group in members.chunk_by(|&one, &other| shares[one].group == shares[other].group) {
-            for (slot, &body) in view.bodies_of(contacts[group[0]]).iter().enumerate() {
+        let (order, ends) = members(shares, groups);
+        let mut begin = 0;
+        for &end in &ends {
+            let group = &order[begin..end];
+            begin = end;
+            for (slot, &body) in view
+                .bodies_of(contacts[group[0] as usize])
+                .iter()
+                .enumerate()
+            {
                 for row in 0..rows {
                     let mut line = [0.0; LARGEST];
-                    for &index in group {
+                    for index in group.iter().map(|&index| index as usize) {
                         let place = view.places(contacts[index]).start + slot;
                         shares[index].add_seen(view, place, row, shares[index].weight, &mut line);
                     }

@@ -15,7 +15,7 @@ use super::lift::Part;
 /// What the closed form may leave of the residual; more, as for a block that is singular, is for the solvers.
 const LEAVES: f64 = 1e-14;
 
-/// The impulse of a part that is one contact; None where the closed form is not exact.
+/// The impulse of a part that is one contact, None where the closed form is not exact.
 pub fn solve(part: &Part, law: Law) -> Option<Vec<f64>> {
     if part.friction.len() != 1 {
         return None;

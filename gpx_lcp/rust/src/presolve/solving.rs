@@ -6,10 +6,12 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use crate::exact::{self, Law, Limits, Method, Operator, Problem, Report, Status};
 
 use super::lift::{LARGEST, LocalBodies, Model, Part, Proposal, size};
-use super::{View, collinear, inactive, islands, planar, single, spatial, translational};
+use super::{View, chain, collinear, inactive, islands, planar, single, spatial, translational};
 
 /// Contacts, from which on a thread is started: it takes some 30 µs, as long as so many take to be solved.
 const WORTH_A_THREAD: usize = 64;
+/// Parts of fewer contacts are solved together.
+const SMALL: usize = 32;
 /// A tolerance below the rounding of a residual is never reached.
 const FINEST: f64 = 1e-15;
 
@@ -225,20 +227,14 @@ fn reduce(view: &View) -> Option<Reduced> {
         if !contacts.is_sorted_by(|one, other| by_bodies(one, other).is_le()) {
             contacts.sort_by(by_bodies);
         }
-        let part = smallest(view, &contacts, &local);
-        if alone && part.model == Model::Spatial && part.friction.len() == contacts.len() {
-            // The whole system is the only part: nothing was gained, unless it is a single contact.
-            if contacts.len() > 1 {
-                return None;
-            }
-        }
+        let part = smallest(view, &contacts, &local, alone)?;
         let left = Size {
             contacts: part.friction.len(),
             rows: part.b.len(),
             velocities: part.matrix.block_columns * part.matrix.width,
         };
         summary.count(name(&part), 1, whole.less(left));
-        match single::solve(&part, view.law) {
+        match single::solve(&part, view.law).or_else(|| chain::solve(&part)) {
             Some(found) => {
                 part.lift(view.rows, &found, &mut impulse);
                 summary.count("closed form", 1, left);
@@ -248,6 +244,14 @@ fn reduce(view: &View) -> Option<Reduced> {
                 parts.push(part);
             }
         }
+    }
+    let parts = gathered(parts);
+    if parts.len() == 1
+        && summary.after.contacts == view.contacts()
+        && parts[0].model == Model::Spatial
+    {
+        // Small islands, all of them put together again.
+        return None;
     }
     let free = (view.bodies - touched.min(view.bodies)) * view.width;
     let removed = Size {
@@ -262,8 +266,37 @@ fn reduce(view: &View) -> Option<Reduced> {
     })
 }
 
-/// The smallest exact model of an island.
-fn smallest(view: &View, contacts: &[u32], local: &LocalBodies) -> Part {
+/// Small parts of the same shape go together, as one: each by itself takes longer to begin than to solve.
+fn gathered(parts: Vec<Part>) -> Vec<Part> {
+    let mut result: Vec<Part> = Vec::with_capacity(parts.len());
+    let mut open: Vec<usize> = Vec::new();
+    for part in parts {
+        if part.friction.len() >= SMALL {
+            result.push(part);
+            continue;
+        }
+        let fits = |&place: &usize| {
+            result[place].rows == part.rows && result[place].matrix.width == part.matrix.width
+        };
+        match open.iter().position(fits) {
+            Some(at) => {
+                let pool = &mut result[open[at]];
+                pool.append(part);
+                if pool.friction.len() >= SMALL {
+                    open.swap_remove(at);
+                }
+            }
+            None => {
+                open.push(result.len());
+                result.push(part);
+            }
+        }
+    }
+    result
+}
+
+/// The smallest exact model of an island; None where it is the whole system, and stays as it is.
+fn smallest(view: &View, contacts: &[u32], local: &LocalBodies, alone: bool) -> Option<Part> {
     let mut runs = Vec::new();
     let mut begin = 0;
     for run in contacts.chunk_by(|&one, &other| view.bodies_of(one) == view.bodies_of(other)) {
@@ -276,12 +309,19 @@ fn smallest(view: &View, contacts: &[u32], local: &LocalBodies) -> Part {
         let found =
             collinear.or_else(|| planar::propose(view, contacts, &runs, local).and_then(stands));
         if let Some(part) = found {
-            return part;
+            return Some(part);
         }
     }
     let all = spatial::propose(view, contacts, &runs);
     let proposal = translational::propose(view, contacts, local, all);
-    stands(proposal).expect("equal rows and rows of zeros are exact")
+    if alone
+        && proposal.model == Model::Spatial
+        && proposal.groups == contacts.len()
+        && contacts.len() > 1
+    {
+        return None;
+    }
+    Some(stands(proposal).expect("equal rows and rows of zeros are exact"))
 }
 
 fn whole_size(view: &View) -> Size {

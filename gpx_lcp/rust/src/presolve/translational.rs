@@ -4,14 +4,16 @@
 //! seen by no contact: V is spanned by the first three, (a) and (b) hold because Ĵ_i Q Qᵀ = Ĵ_i, (c) because C_i = I or,
 //! without friction, the normal. Frictionless spheres are the common case.
 
-use super::View;
-use super::lift::{Basis, Columns, LARGEST, LocalBodies, Model, Proposal, WIDEST};
+use super::lift::{Basis, Columns, LARGEST, LocalBodies, Model, Proposal, WIDEST, size};
+use super::{ROUNDING, View};
 
 /// Take a proposal that keeps all velocities, and keep the translations.
 pub fn propose(view: &View, contacts: &[u32], local: &LocalBodies, all: Proposal) -> Proposal {
     let turns = |&contact: &u32| {
         view.places(contact).any(|place| {
-            (0..all.rows).any(|row| view.row(place, row)[WIDEST..].iter().any(|x| *x != 0.0))
+            (0..all.rows).any(|row| {
+                size(&view.row(place, row)[WIDEST..]) > ROUNDING * size(view.row(place, row))
+            })
         })
     };
     if view.width <= WIDEST || view.width > LARGEST || contacts.iter().any(turns) {

@@ -106,7 +106,10 @@ pub fn exact(
             settings.time_limit,
             &interrupted,
         );
+        // A start that is a solution needs no smaller system.
+        let answered = |start: &[f64]| system.relative_map(law, start) <= settings.tolerance;
         if settings.presolve
+            && !start.is_some_and(answered)
             && let Some(view) = system.view(law)
             && let Some(found) = presolve::solve(&view, method, &limits, start, settings.threads)
         {

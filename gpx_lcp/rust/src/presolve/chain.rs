@@ -1,0 +1,177 @@
+//! Collinear chains, each body between at most two others: solved directly in O(n), the founding paper's formula for two
+//! bodies carried to any number of them.
+//!
+//! Let contact k lie between bodies k − 1 and k, and x_b be what the impulses add to the velocity of body b along the chain,
+//! so that M_b x_b = p_k − p_{k+1} and u_k = x_k − x_{k−1} − B_k. With z_b = x_b − Σ_{j ≤ b} B_j, u_k = z_k − z_{k−1}, and the
+//! frictionless law, 0 ≤ p ⟂ u ≥ 0, is the optimality condition of
+//!
+//! ```text
+//! min Σ_b ½ M_b (z_b − ζ_b)²   over z_0 ≤ z_1 ≤ … ≤ z_n,    ζ_b = −Σ_{j ≤ b} B_j,
+//! ```
+//!
+//! with the impulses for multipliers: isotonic regression, solved to rounding by pooling adjacent violators. Bodies that
+//! stay together move with the velocity of their common centre of mass, as two do after a plastic collision, (1.2). A body
+//! that cannot move, the ground under a column, is one of infinite mass. *Proof* that pooling is exact: Ayer et al., Best
+//! and Chakravarti.
+//!
+//! Rows of a reduced system may come with factors: entries ±g of both contacts of a body are made equal by scaling rows
+//! along the chain, which scales impulses back, and M_b = 1/g².
+//!
+//! Source: M. Ayer, H. D. Brunk, G. M. Ewing, W. T. Reid, E. Silverman, *An empirical distribution function for sampling
+//! with incomplete information*, Ann. Math. Stat. 26 (1955); M. J. Best, N. Chakravarti, *Active set algorithms for
+//! isotonic regression*, Math. Program. 47 (1990).
+
+use super::lift::Part;
+
+/// The impulses of a part that is a chain; None where it is none, or where bodies are crushed between two that cannot move.
+pub fn solve(part: &Part) -> Option<Vec<f64>> {
+    if part.rows != 1 || part.matrix.width != 1 {
+        return None;
+    }
+    let links = ordered(part)?;
+    let (mut shift, mut sum) = (Vec::with_capacity(links.len() + 1), 0.0);
+    shift.push(0.0);
+    for link in &links {
+        sum += link.scale * part.b[link.contact];
+        shift.push(-sum);
+    }
+    let first = links[0].mass_before;
+    let masses: Vec<f64> = std::iter::once(first)
+        .chain(links.iter().map(|link| link.mass_after))
+        .collect();
+    let pools = pooled(&masses, &shift)?;
+    let mut impulse = vec![0.0; part.b.len()];
+    for pool in &pools {
+        let bodies = pool.begin..pool.end;
+        // From the end that is free, inwards: the impulse on a body of infinite mass is what is left.
+        if masses[pool.begin].is_finite() {
+            let mut push = 0.0;
+            for body in bodies.start..bodies.end - 1 {
+                push -= masses[body] * (pool.value - shift[body]);
+                links[body].set(&mut impulse, push);
+            }
+        } else {
+            let mut push = 0.0;
+            for body in (bodies.start + 1..bodies.end).rev() {
+                push += masses[body] * (pool.value - shift[body]);
+                links[body - 1].set(&mut impulse, push);
+            }
+        }
+    }
+    Some(impulse)
+}
+
+/// A contact of the chain and the body behind it.
+struct Link {
+    contact: usize,
+    /// Of the row of this contact.
+    scale: f64,
+    mass_before: f64,
+    mass_after: f64,
+}
+
+impl Link {
+    fn set(&self, impulse: &mut [f64], push: f64) {
+        impulse[self.contact] = self.scale * push.max(0.0);
+    }
+}
+
+/// The contacts from one end of the chain to the other; None where they form anything else.
+fn ordered(part: &Part) -> Option<Vec<Link>> {
+    let matrix = &part.matrix;
+    let mut contacts_of: Vec<[usize; 2]> = vec![[usize::MAX; 2]; matrix.block_columns];
+    let ends = |contact: usize| {
+        (matrix.starts[contact]..matrix.starts[contact + 1])
+            .filter(|&place| matrix.values[place] != 0.0)
+    };
+    for contact in 0..matrix.block_rows() {
+        if !(1..=2).contains(&ends(contact).count()) {
+            return None;
+        }
+        for place in ends(contact) {
+            let known = &mut contacts_of[matrix.columns[place] as usize];
+            let free = known.iter_mut().find(|known| **known == usize::MAX)?;
+            *free = contact;
+        }
+    }
+    let alone = |place: usize| contacts_of[matrix.columns[place] as usize][1] == usize::MAX;
+    // An end: a contact with a fixed body, or with one that has no other contact.
+    let begins = |&contact: &usize| ends(contact).count() == 1 || ends(contact).any(alone);
+    let mut contact = (0..matrix.block_rows()).find(begins)?;
+    let mut before = match ends(contact).count() {
+        1 => None,
+        _ => ends(contact).find(|&place| alone(place)),
+    };
+    let mut links = Vec::with_capacity(matrix.block_rows());
+    let mut scale = 1.0;
+    loop {
+        let after = ends(contact).find(|&place| Some(place) != before);
+        let mass = |place: Option<usize>| {
+            place.map_or(f64::INFINITY, |place| {
+                let entry = scale * matrix.values[place];
+                1.0 / (entry * entry)
+            })
+        };
+        links.push(Link {
+            contact,
+            scale,
+            mass_before: mass(before),
+            mass_after: mass(after),
+        });
+        let Some(after) = after else { break };
+        let body = matrix.columns[after];
+        let [one, other] = contacts_of[body as usize];
+        let next = if one == contact { other } else { one };
+        if next == usize::MAX {
+            break;
+        }
+        let entry = ends(next).find(|&place| matrix.columns[place] == body)?;
+        let ratio = matrix.values[after] / matrix.values[entry];
+        // Pushed from both sides, or it is no chain.
+        if ratio >= 0.0 {
+            return None;
+        }
+        scale *= -ratio;
+        contact = next;
+        before = Some(entry);
+    }
+    (links.len() == matrix.block_rows()).then_some(links)
+}
+
+/// Bodies that move together, with their common z.
+struct Pool {
+    begin: usize,
+    end: usize,
+    mass: f64,
+    value: f64,
+}
+
+/// Pools adjacent violators; None where one would hold two bodies of infinite mass.
+fn pooled(masses: &[f64], shift: &[f64]) -> Option<Vec<Pool>> {
+    let mut pools: Vec<Pool> = Vec::with_capacity(masses.len());
+    for (body, (&mass, &value)) in masses.iter().zip(shift).enumerate() {
+        let mut pool = Pool {
+            begin: body,
+            end: body + 1,
+            mass,
+            value,
+        };
+        while let Some(last) = pools.last()
+            && last.value > pool.value
+        {
+            pool.value = match (last.mass.is_finite(), pool.mass.is_finite()) {
+                (true, true) => {
+                    last.value + (pool.value - last.value) * (pool.mass / (last.mass + pool.mass))
+                }
+                (false, true) => last.value,
+                (true, false) => pool.value,
+                (false, false) => return None,
+            };
+            pool.mass += last.mass;
+            pool.begin = last.begin;
+            pools.pop();
+        }
+        pools.push(pool);
+    }
+    Some(pools)
+}
