@@ -18,6 +18,8 @@ from gpx_lcp.fclib import FclibProblem, read_fclib, write_fclib
 from gpx_lcp.impact import impact
 from gpx_lcp.impact_laws import LAWS, Impact
 from gpx_lcp.materials import Material
+from gpx_lcp.presolve import presolve
+from gpx_lcp.presolved import Presolve
 from gpx_lcp.scene import Body, Scene
 from gpx_lcp.shapes import Box, Capsule, ConvexHull, Cylinder, HalfSpace, Shape, Sphere
 from gpx_lcp.solution import Solution, Status
@@ -46,6 +48,7 @@ __all__ = [
     "Impact",
     "LCPSolution",
     "Material",
+    "Presolve",
     "ProblemError",
     "Scene",
     "SettingsError",
@@ -59,6 +62,7 @@ __all__ = [
     "certify",
     "impact",
     "minimum_norm",
+    "presolve",
     "read_fclib",
     "scenes",
     "solve",

@@ -45,7 +45,6 @@ def solve(
     warm_start: npt.ArrayLike | None = None,
     facets: int = DEFAULT_FACETS,
     presolve: bool = True,
-    threads: int = 1,
     **settings: Any,
 ) -> Solution:
     """Solve A F dt = B over the impulses that the contacts allow, and certify what was found.
@@ -77,10 +76,8 @@ def solve(
     facets : int
         Of the pyramids, at least 3.
     presolve : bool
-        Whether to solve the smallest system with the same answer, and map the answer back; see `gpx_lcp.presolve`. Only
-        "interior_point" and "newton" do.
-    threads : int
-        To solve independent islands on, where presolve finds some that are worth it.
+        Whether "interior_point" and "newton" solve the smallest systems with the same answer, on so many `threads` as
+        their setting says, and map the answer back; see `gpx_lcp.presolve`. Other solvers take the system as it is.
     **settings
         The solver's own settings, e.g. `relaxation` of "pgs".
 
@@ -110,7 +107,6 @@ def solve(
         time_limit=time_limit,
         facets=facets,
         presolve=presolve,
-        threads=threads,
         **settings,
     )
     extras: dict[str, Any] = {}
@@ -134,18 +130,17 @@ def posed(
     time_limit: float | None = None,
     facets: int = DEFAULT_FACETS,
     presolve: bool = True,
-    threads: int = 1,
     **settings: Any,
 ) -> tuple[Solver, Request]:
     """Check a question as `solve` takes it; return the solver's row and the request, the warm start still to come."""
     if not isinstance(system, StackedSystem):
         raise ProblemError(f"system is a {type(system).__name__}: a StackedSystem is needed")
     if formulation is None:
-        formulation = _default_formulation(system, solver)
+        formulation = default_formulation(system, solver)
     if formulation not in FORMULATIONS:
         raise SettingsError(f"formulation is {formulation!r}: it must be one of {', '.join(map(repr, FORMULATIONS))}")
     row = _solver_row(formulation, PREFERRED[formulation][warm] if solver is None else solver)
-    _check_limits(tolerance, max_iterations, time_limit, facets, threads)
+    _check_limits(tolerance, max_iterations, time_limit, facets)
     if not isinstance(presolve, bool):
         raise SettingsError(f"presolve is {presolve!r}: it must be True or False")
     request = Request(
@@ -157,13 +152,13 @@ def posed(
         warm_start=None,
         facets=facets,
         presolve=presolve,
-        threads=threads,
         settings=_checked_settings(row, settings),
     )
     return row, request
 
 
-def _default_formulation(system: StackedSystem, solver: str | None) -> str:
+def default_formulation(system: StackedSystem, solver: str | None) -> str:
+    """Return the formulation meant where none is named."""
     frictionless = system.rows == 1 or not system.friction.any()
     if solver is not None and solver in solvers():
         return solvers()[solver].default_formulation(frictionless)
@@ -219,9 +214,7 @@ def _solver_row(formulation: str, name: str) -> Solver:
     return row
 
 
-def _check_limits(
-    tolerance: float, max_iterations: int | None, time_limit: float | None, facets: int, threads: int
-) -> None:
+def _check_limits(tolerance: float, max_iterations: int | None, time_limit: float | None, facets: int) -> None:
     if not (isinstance(tolerance, int | float) and 0.0 < tolerance < np.inf):
         raise SettingsError(f"tolerance is {tolerance!r}: it must be a positive number")
     if max_iterations is not None and not (isinstance(max_iterations, int) and max_iterations >= 0):
@@ -230,8 +223,6 @@ def _check_limits(
         raise SettingsError(f"time_limit is {time_limit!r}: it must be a positive number of seconds")
     if not (isinstance(facets, int) and facets >= 3):
         raise SettingsError(f"facets is {facets!r}: a pyramid has at least 3")
-    if isinstance(threads, bool) or not isinstance(threads, int) or threads < 1:
-        raise SettingsError(f"threads is {threads!r}: it must be a whole number of at least 1")
 
 
 def _checked_settings(row: Solver, settings: Mapping[str, Any]) -> Mapping[str, Any]:

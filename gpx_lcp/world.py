@@ -65,6 +65,8 @@ class World:
         How bodies rebound: "newton", "poisson", "energy_safe" or "sequential", see `gpx.LAWS`.
     impact_speed : float, optional, m/s
         Elasticity acts in contacts that close faster; unless given, 2 g dt, twice what gravity gives bodies at rest.
+    presolve : bool
+        As in `gpx.solve`. Without it every contact has three rows and every body six velocities.
     **settings
         The solver's own, e.g. `relaxation` of "pgs".
 
@@ -116,6 +118,7 @@ class World:
         warm_start: bool = True,
         impact_law: str = "newton",
         impact_speed: float | None = None,
+        presolve: bool = True,
         **settings: Any,
     ) -> None:
         if not isinstance(scene, Scene):
@@ -128,6 +131,7 @@ class World:
             "formulation": formulation,
             "max_iterations": iterations,
             "tolerance": tolerance,
+            "presolve": presolve,
             **settings,
         }
         self._options: Mapping[str, Any] = {
@@ -138,6 +142,7 @@ class World:
             "warm_start": warm_start,
             "impact_law": impact_law,
             "impact_speed": impact_speed,
+            "presolve": presolve,
             **settings,
         }
         # One contact, solved, finds whatever is wrong with the settings before the first step does.
@@ -558,6 +563,8 @@ class World:
         return f"World({len(self.bodies)} moving bodies, {len(self.fixed)} fixed, t = {self.time:.6g} s)"
 
     def _inhabit(self, inhabitants: Inhabitants) -> None:
+        if not self._effort["presolve"]:
+            inhabitants = replace(inhabitants, rows=3, columns=6)
         self._inhabitants = inhabitants
         self._native = NativeSolver.of(inhabitants.rows, self._effort) if self._law.in_core else None
         self._native_settings = {} if self._native is None else self._native.settings()

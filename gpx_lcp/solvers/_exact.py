@@ -9,10 +9,14 @@ import numpy as np
 
 from gpx_lcp import _core
 from gpx_lcp.core_system import core_system
+from gpx_lcp.errors import SettingsError
 from gpx_lcp.solution import Status
 from gpx_lcp.solvers._interface import Outcome, Request
 
 MAX_STEPS: Final = 1000
+MAX_THREADS: Final = 256
+# The settings of both: threads that presolve's islands are solved on.
+DEFAULTS: Final = {"threads": 1}
 STATUS: Final = {
     "solved": Status.SOLVED,
     "max_iterations": Status.MAX_ITERATIONS,
@@ -52,7 +56,16 @@ def run_exact(request: Request, method: str) -> Outcome:
 
 
 def exact_settings(request: Request, method: str) -> dict[str, Any]:
-    """Return what the core's exact methods, alone or in a native step, are told beside the system."""
+    """Return what the core's exact methods, alone or in a native step, are told beside the system.
+
+    Raises
+    ------
+    SettingsError
+        When `threads` is not a whole number from 1 to 256.
+    """
+    threads = request.settings["threads"]
+    if isinstance(threads, bool) or not isinstance(threads, int) or not 1 <= threads <= MAX_THREADS:
+        raise SettingsError(f"threads is {threads!r}: it must be a whole number from 1 to {MAX_THREADS}")
     return {
         "kernel": "exact",
         "method": method,
@@ -62,5 +75,5 @@ def exact_settings(request: Request, method: str) -> dict[str, Any]:
         "max_iterations": MAX_STEPS if request.max_iterations is None else request.max_iterations,
         "time_limit": request.time_limit,
         "presolve": request.presolve,
-        "threads": request.threads,
+        "threads": threads,
     }

@@ -29,8 +29,6 @@ class Request:
         Of the pyramids, where the formulation has any.
     presolve : bool
         Whether to solve the smallest system with the same answer.
-    threads : int
-        To solve its islands on.
     settings : mapping
         The solver's own settings, every one of them, defaults filled in.
     """
@@ -43,7 +41,6 @@ class Request:
     warm_start: Array | None
     facets: int
     presolve: bool
-    threads: int
     settings: Mapping[str, Any]
 
 

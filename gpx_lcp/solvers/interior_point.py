@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from gpx_lcp.solvers._exact import exact_settings, run_exact
+from gpx_lcp.solvers._exact import DEFAULTS, exact_settings, run_exact
 from gpx_lcp.solvers._interface import Outcome, Request, Solver
 
 
@@ -43,4 +43,5 @@ SOLVER: Final = Solver(
     programs={"normal": "convex QP", "cone": "second-order cone program", "coulomb": "Coulomb NCP"},
     run=run,
     native=native,
+    defaults=DEFAULTS,
 )

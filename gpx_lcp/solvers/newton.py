@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from gpx_lcp.solvers._exact import exact_settings, run_exact
+from gpx_lcp.solvers._exact import DEFAULTS, exact_settings, run_exact
 from gpx_lcp.solvers._interface import Outcome, Request, Solver
 
 
@@ -40,5 +40,6 @@ SOLVER: Final = Solver(
     programs={"normal": "projected equation", "cone": "projected equation", "coulomb": "projected equation"},
     run=run,
     native=native,
+    defaults=DEFAULTS,
     warm_starts=True,
 )

@@ -1,0 +1,83 @@
+"""Presolve: the smallest model with the same answer.
+
+`gpx.solve` and `World` solve smaller systems in the place of the one that was asked, wherever the answer is the same,
+and lift the impulses back: what a user sees is of full size, and judged on the system as it was asked. The reductions:
+
+============== ================================================================== =================================
+reduction      recognised by                                                      what is left
+============== ================================================================== =================================
+islands        contacts that no chain of moving bodies joins                      systems of their own, on threads
+free bodies    no contact                                                         nothing
+inactive       an island in which no contact closes                               nothing: no impulse is the answer
+frictionless   an island without friction                                         one row for a contact
+duplicates     the same bodies, rows, B and friction                              one contact, shared equally
+translational  pushes through the centres of mass, point masses                   three velocities for a body
+planar         all motion in one plane, contacts balanced about it                two rows, three velocities
+collinear      all motion along one line at each contact, contacts balanced       one row, one velocity
+closed form    one contact; a chain of bodies on one line                         nothing: solved without iteration
+============== ================================================================== =================================
+
+All but the first four and the last are one theorem. Gather contacts i in groups g, with weights w_i > 0 that add up to
+one and frames C_i (orthonormal columns, the first the normal), and give every body b a subspace of its velocities, whitened
+by M^½, with an orthonormal basis Q. Solve J' = Σ w_i C_iᵀ Ĵ_i Q, B' = Σ w_i C_iᵀ B_i, and lift p_i = w_i C_i q_g. Where
+
+* Σ w_i C_iᵀ Ĵ_i has no part outside the subspaces,
+* Ĵ_i Q = C_i J'_g, and B_i = C_i B'_g,
+
+u_i = Ĵ_i Ĵᵀ p - B_i = Ĵ_i Q J'ᵀ q - C_i B'_g = C_i u'_g: every contact of a group moves as the reduced one does. The laws of
+contact are isotropic and homogeneous, so they hold for (p_i, u_i) exactly where they hold for (q_g, u'_g). The core checks
+these three conditions to rounding before it uses a reduction; proofs of each are in `gpx_lcp/rust/src/presolve`.
+
+The frictionless and the convex law have one velocity, with or without presolve. Coulomb's law can have several exact
+solutions, and then presolve may find another one. Contacts that share a load in more than one way share it equally, or in
+the plane by the least weights without a moment out of it.
+
+Not reduced: contacts that are redundant in other ways, an inactive contact of an island in which others close, and systems
+given by A alone.
+"""
+
+from __future__ import annotations
+
+from gpx_lcp.core_system import core_system
+from gpx_lcp.errors import ProblemError, SettingsError
+from gpx_lcp.presolved import Presolve
+from gpx_lcp.scene import Scene
+from gpx_lcp.solve import default_formulation
+from gpx_lcp.world import World
+
+from formulations import StackedSystem
+
+# The formulations whose laws are isotropic.
+REDUCED = ("normal", "cone", "coulomb")
+
+
+def presolve(what: StackedSystem | Scene, formulation: str | None = None, *, time_step: float = 1 / 240) -> Presolve:
+    """Return what presolve would make of a system, or of the first step of a scene; nothing is solved.
+
+    Parameters
+    ----------
+    what : StackedSystem or Scene
+    formulation : "normal", "cone" or "coulomb", optional
+        As in `gpx.solve`.
+    time_step : float, s
+        Of the scene's first step.
+
+    Raises
+    ------
+    ProblemError
+        When `what` is neither, or the system carries A alone.
+    SettingsError
+        When there are no reductions for the formulation.
+    """
+    if isinstance(what, Scene):
+        what = World(what, time_step, presolve=False).system()
+    if not isinstance(what, StackedSystem):
+        raise ProblemError(f"what is a {type(what).__name__}: a StackedSystem or a Scene is needed")
+    if formulation is None:
+        formulation = default_formulation(what, None)
+    if formulation not in REDUCED:
+        raise SettingsError(f"formulation is {formulation!r}: presolve knows {', '.join(map(repr, REDUCED))}")
+    counted = core_system(what).presolve(formulation)
+    if counted is None:
+        raise ProblemError("the system carries A alone: presolve needs StackedSystem.from_jacobian")
+    return Presolve.of(counted)

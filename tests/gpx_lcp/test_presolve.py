@@ -1,0 +1,351 @@
+"""Presolve: smaller systems, the same answer."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from hypothesis import given
+from hypothesis import strategies as st
+
+import gpx_lcp as gpx
+
+SCENES = {
+    "tower": lambda: gpx.scenes.tower(12),
+    "wall": lambda: gpx.scenes.wall(4),
+    "pyramid": lambda: gpx.scenes.pyramid(4),
+    "heavy on light": lambda: gpx.scenes.heavy_on_light(5, 100.0),
+    "table": lambda: gpx.scenes.table(6),
+    "slope that holds": lambda: gpx.scenes.incline(0.4, 0.5),
+    "slope that does not": lambda: gpx.scenes.incline(0.6, 0.5),
+    "cradle": lambda: gpx.scenes.cradle(5),
+    "rolling": lambda: gpx.scenes.rolling_sphere(),
+    "pile": lambda: gpx.scenes.sphere_pile(20),
+    "frictionless pile": lambda: gpx.scenes.sphere_pile(20, friction=0.0),
+    "column": lambda: gpx.scenes.column(30),
+    "wedge": lambda: gpx.scenes.wedge(0.2, speed=1.0),
+    "arch": lambda: gpx.scenes.arch(9),
+    "card house": lambda: gpx.scenes.card_house(2),
+    "cylinders": lambda: gpx.scenes.cylinders(),
+    "bricks": lambda: gpx.scenes.bricks(4),
+}
+MODELS = {
+    "tower": ["collinear", "closed form"],
+    "wall": ["planar"],
+    "pyramid": ["planar"],
+    "slope that does not": ["planar"],
+    "cradle": ["collinear", "closed form"],
+    "rolling": ["planar", "closed form"],
+    "column": ["collinear", "closed form"],
+    "arch": ["planar"],
+    "card house": ["planar"],
+    "cylinders": ["planar"],
+}
+
+
+def assert_same_velocities(system: gpx.StackedSystem, **options: object) -> gpx.Solution:
+    """Both ways are solved to 1e-12 and agree to 1e-10 of the largest velocity that was asked for."""
+    plain = gpx.solve(system, tolerance=1e-12, presolve=False, **options)
+    smaller = gpx.solve(system, tolerance=1e-12, **options)
+    assert plain.presolve is None
+    # At that tolerance the plain solver may stop at rounding; presolve must not.
+    assert smaller.status is gpx.Status.SOLVED
+    assert plain.program_residual <= 1e-11
+    largest = np.abs(system.B).max(initial=0.0)
+    np.testing.assert_allclose(smaller.velocity, plain.velocity, rtol=0, atol=1e-10 * largest)
+    return smaller
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_every_scene_of_the_library_keeps_its_velocities(name):
+    world = gpx.World(SCENES[name](), time_step=1 / 240, presolve=False, tolerance=1e-10)
+    assert_same_velocities(world.system())
+    world.step(25)
+    assert_same_velocities(world.system())
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_scenes_are_recognised(name):
+    report = gpx.presolve(SCENES[name]())
+    assert [reduction.name for reduction in report.reductions] == MODELS[name]
+    removed = np.sum([reduction.removed for reduction in report.reductions], axis=0)
+    np.testing.assert_array_equal(np.subtract(report.before, removed), report.after)
+
+
+def test_a_tower_is_a_column_with_a_quarter_of_the_load_at_each_corner():
+    system = gpx.World(gpx.scenes.tower(30), time_step=1 / 240).system()
+    solution = gpx.solve(system, tolerance=1e-12)
+    loads = 9.81 / 240 * np.repeat(np.arange(30, 0, -1.0), 4) / 4
+    np.testing.assert_allclose(solution.impulse[:, 0], loads, rtol=1e-12)
+    np.testing.assert_array_equal(solution.impulse[:, 1:], 0.0)
+    assert solution.iterations == 0
+    assert solution.presolve.before == (120, 360, 180)
+    assert solution.presolve.after == (0, 0, 0)
+
+
+def chain(masses, speeds, floor=True):
+    """Point masses on one axis, each above the one before; u is the velocity of each relative to that before."""
+    n = len(masses)
+    rows = np.eye(n) - np.eye(n, k=-1)
+    rows = rows if floor else rows[1:]
+    return gpx.StackedSystem.from_jacobian(
+        rows, 1.0 / np.asarray(masses), -rows @ np.asarray(speeds), np.zeros(len(rows)), free_velocity=speeds
+    )
+
+
+def test_bodies_that_stay_together_move_with_their_centre_of_mass():
+    """Three masses, the first of which runs into the second, and both into the third."""
+    masses, speeds = np.array([3.0, 1.0, 2.0]), np.array([6.0, 0.0, 1.0])
+    solution = gpx.solve(chain(masses, speeds, floor=False))
+    np.testing.assert_allclose(solution.velocity, 0.0, atol=1e-14)
+    common = masses @ speeds / masses.sum()
+    np.testing.assert_allclose(solution.impulse[:, 0], [3.0 * (6.0 - common), 2.0 * (common - 1.0)], rtol=1e-14)
+    assert solution.presolve.after.contacts == 0
+
+
+@given(st.integers(0, 10**6), st.booleans())
+def test_chains_are_solved_by_hand(seed, floor):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(2, 12))
+    system = chain(10.0 ** rng.uniform(-2, 2, n), rng.normal(size=n), floor)
+    solution = assert_same_velocities(system)
+    assert solution.presolve.after.contacts == 0
+
+
+def test_a_chain_crushed_between_two_walls_has_no_solution():
+    rows = np.array([[1.0, 0.0], [-1.0, 1.0], [0.0, -1.0]])
+    system = gpx.StackedSystem.from_jacobian(rows, [1.0, 1.0], [1.0, 0.0, 1.0], np.zeros(3))
+    solution = gpx.solve(system)
+    assert solution.status is gpx.Status.INFEASIBLE
+    ray = solution.extras["infeasibility"]
+    assert np.abs(system.apply(ray)).max() <= 1e-9
+    assert system.B @ ray.ravel() > 0.0
+    assert ray.min() >= 0.0
+
+
+def planar_blocks(rng, bodies, contacts):
+    """Rows of contacts in the plane x-z, each of them once or as a pair on both sides of it, in random frames."""
+    blocks, targets, pairs, friction = [], [], [], []
+    free = np.zeros((bodies, 6))
+    free[:, [0, 2, 4]] = rng.normal(size=(bodies, 3))
+    for _ in range(contacts):
+        first, second = sorted(rng.choice(bodies, 2, replace=False))
+        angle, mu, depth = rng.uniform(0, 2 * np.pi), rng.uniform(0.0, 0.3), rng.choice([0.0, 0.3])
+        normal = np.array([np.cos(angle), 0.0, np.sin(angle)])
+        arms = {body: np.array([rng.normal(), 0.0, rng.normal()]) for body in (first, second)}
+        for side in (-1.0, 1.0) if depth else (0.0,):
+            turn = rng.uniform(0, 2 * np.pi)
+            plane, across = np.cross(normal, [0.0, 1.0, 0.0]), np.array([0.0, 1.0, 0.0])
+            frame = [normal, np.cos(turn) * plane + np.sin(turn) * across, np.cos(turn) * across - np.sin(turn) * plane]
+            shift = np.array([0.0, side * depth, 0.0])
+            both = [
+                sign * np.hstack((frame, np.cross(arms[body] + shift, frame)))
+                for body, sign in ((first, -1.0), (second, 1.0))
+            ]
+            blocks.append(both)
+            pairs.append((first, second))
+            targets.append(-(both[0] @ free[first] + both[1] @ free[second]))
+            friction.append(mu)
+    return blocks, pairs, targets, friction, free
+
+
+def stacked(parts, rng):
+    """One system of several parts, the contacts in a random order, one body free."""
+    blocks, pairs, targets, friction, inverse = [], [], [], [], [np.eye(6)]
+    for part, mass in parts:
+        start = len(inverse)
+        blocks += part[0]
+        pairs += [(first + start, second + start) for first, second in part[1]]
+        targets += part[2]
+        friction += part[3]
+        inverse += list(mass)
+    n = len(blocks)
+    jacobian = np.zeros((3 * n, 6 * len(inverse)))
+    for row, contact in enumerate(rng.permutation(n)):
+        for body, block in zip(pairs[contact], blocks[contact], strict=True):
+            jacobian[3 * row : 3 * row + 3, 6 * body : 6 * body + 6] = block
+        pairs[contact] = (row, contact)
+    order = [contact for _, contact in sorted(pairs)]
+    B = np.concatenate([targets[contact] for contact in order])
+    return gpx.StackedSystem.from_jacobian(
+        sp.csr_array(jacobian), np.array(inverse), B, np.array([friction[contact] for contact in order])
+    )
+
+
+@given(st.integers(0, 10**6))
+def test_random_planes_keep_their_velocities(seed):
+    rng = np.random.default_rng(seed)
+    bodies, contacts = int(rng.integers(2, 5)), int(rng.integers(1, 7))
+    masses = np.zeros((bodies, 6, 6))
+    # A principal axis of inertia across the plane, the others anyhow.
+    for mass in masses:
+        mass[:3, :3] = rng.uniform(0.5, 2.0) * np.eye(3)
+        root = rng.normal(size=(2, 2))
+        mass[np.ix_([3, 5], [3, 5])] = root @ root.T + np.eye(2)
+        mass[4, 4] = rng.uniform(0.5, 2.0)
+    system = stacked([(planar_blocks(rng, bodies, contacts), masses)], rng)
+    solution = assert_same_velocities(system, formulation="cone")
+    report = solution.presolve
+    assert {"planar", "collinear", "inactive"} & {reduction.name for reduction in report.reductions}
+    assert report.after.rows <= 2 * contacts
+
+
+@given(st.integers(0, 10**6))
+def test_random_islands_keep_their_velocities(seed, random_system):
+    rng = np.random.default_rng(seed)
+    parts = []
+    for _ in range(int(rng.integers(1, 4))):
+        part = planar_blocks(rng, 3, int(rng.integers(1, 5)))
+        if rng.random() < 0.3:
+            # Out of its plane.
+            part[2][0] = part[2][0] + 0.1
+        if rng.random() < 0.3:
+            part = (*part[:3], [0.0] * len(part[3]), part[4])
+        if rng.random() < 0.3:
+            # A duplicate.
+            for items in part[:4]:
+                items.append(items[-1])
+        parts.append((part, np.tile(np.diag([1.0, 1.0, 1.0, 2.0, 3.0, 4.0]), (3, 1, 1))))
+    assert_same_velocities(stacked(parts, rng), formulation="cone")
+
+
+@given(st.integers(0, 10**6))
+def test_random_systems_that_cannot_be_reduced_are_solved_as_they_are(seed, random_system):
+    solution = assert_same_velocities(random_system(seed % 1000, contacts=8), formulation="cone")
+    assert solution.presolve is None or solution.presolve.islands > 1
+
+
+def test_an_axis_of_inertia_out_of_the_plane_is_seen():
+    """A cube on two edges, moving in a plane, whose inertia would turn it out of that plane."""
+    rng = np.random.default_rng(4)
+    straight = np.tile(np.diag([1.0, 1.0, 1.0, 2.0, 3.0, 4.0]), (3, 1, 1))
+    skew = straight.copy()
+    skew[:, 3, 4] = skew[:, 4, 3] = 0.5
+    part = planar_blocks(rng, 3, 6)
+    assert [item.name for item in gpx.presolve(stacked([(part, straight)], rng)).reductions][0] == "planar"
+    crooked = gpx.presolve(stacked([(part, skew)], rng))
+    assert "planar" not in {item.name for item in crooked.reductions}
+
+
+def test_contacts_that_lie_unequally_about_the_plane_are_weighed():
+    """A beam that rests on two points at y = -1 and y = 2 m, its centre of mass at y = 0: 2/3 and 1/3 of the load."""
+    rows = []
+    for y in (-1.0, 2.0):
+        frame = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+        rows.append(np.hstack((frame, np.cross([0.0, y, -0.5], frame))))
+    free = np.array([0.3, 0.0, -1.0, 0.0, 0.0, 0.0])
+    jacobian = np.vstack(rows)
+    system = gpx.StackedSystem.from_jacobian(jacobian, np.ones(6), -jacobian @ free, [0.05, 0.05])
+    solution = assert_same_velocities(system)
+    assert [item.name for item in solution.presolve.reductions] == ["planar", "closed form"]
+    assert solution.impulse[0, 0] == pytest.approx(2.0 * solution.impulse[1, 0])
+
+
+@pytest.mark.parametrize("formulation", ["normal", "cone", "coulomb"])
+def test_one_contact_is_solved_by_hand(formulation):
+    rng = np.random.default_rng(11)
+    for _ in range(50):
+        jacobian = rng.normal(size=(3, 6))
+        B = rng.normal(size=3)
+        system = gpx.StackedSystem.from_jacobian(jacobian, np.ones(6), B, [rng.uniform(0.0, 0.8)])
+        solution = gpx.solve(system, formulation, tolerance=1e-13)
+        assert solution.status is gpx.Status.SOLVED
+        assert solution.iterations == 0
+
+
+def test_duplicates_share_equally():
+    rng = np.random.default_rng(3)
+    one = rng.normal(size=(3, 6))
+    other = rng.normal(size=(3, 6))
+    jacobian = np.vstack((one, other, one))
+    B = np.concatenate(([1.0, 0.1, 0.0], [0.5, 0.0, 0.2], [1.0, 0.1, 0.0]))
+    system = gpx.StackedSystem.from_jacobian(jacobian, np.ones(6), B, [0.3, 0.2, 0.3])
+    solution = assert_same_velocities(system)
+    assert [item.name for item in solution.presolve.reductions] == ["duplicates"]
+    np.testing.assert_array_equal(solution.impulse[0], solution.impulse[2])
+
+
+def islands(count):
+    scene = gpx.Scene()
+    scene.add_static(gpx.HalfSpace())
+    rng = np.random.default_rng(5)
+    for place in range(count):
+        for level in range(6):
+            scene.add_rigid(
+                gpx.Box(1, 1, 1),
+                1.0,
+                position=(3.0 * place, 0.0, 0.5 + level),
+                velocity=rng.normal(size=3),
+                angular_velocity=rng.normal(size=3),
+            )
+    return scene
+
+
+def test_islands_do_not_depend_on_the_number_of_threads():
+    system = gpx.World(islands(8), time_step=1 / 240).system()
+    alone = gpx.solve(system)
+    assert alone.presolve.islands == 8
+    assert alone.status is gpx.Status.SOLVED
+    for threads in (2, 3):
+        np.testing.assert_array_equal(gpx.solve(system, threads=threads).impulse, alone.impulse)
+
+
+def test_a_body_that_nothing_moves_joins_no_islands():
+    jacobian = np.array([[1.0, -1.0, 0.0], [0.0, -1.0, 1.0]])
+    joined = gpx.StackedSystem.from_jacobian(jacobian, [1.0, 1.0, 1.0], [1.0, 1.0], [0.0, 0.0])
+    apart = gpx.StackedSystem.from_jacobian(jacobian, [1.0, 0.0, 1.0], [1.0, 1.0], [0.0, 0.0])
+    assert gpx.presolve(joined).islands == 1
+    assert gpx.presolve(apart).islands == 2
+    np.testing.assert_allclose(gpx.solve(apart).impulse, 1.0)
+
+
+def test_nothing_that_closes_needs_no_impulse():
+    system = gpx.StackedSystem.from_jacobian(np.eye(3), np.ones(3), [-1.0, 0.5, 0.0], [0.5])
+    solution = gpx.solve(system)
+    np.testing.assert_array_equal(solution.impulse, 0.0)
+    assert solution.presolve.reductions[0].name == "inactive"
+    # The convex law couples sliding and opening: there, sliding faster than it opens, it needs one.
+    fast = gpx.StackedSystem.from_jacobian(np.eye(3), np.ones(3), [-0.1, 0.5, 0.0], [0.5])
+    assert gpx.solve(fast, "cone").impulse[0, 0] > 0.0
+
+
+@pytest.mark.parametrize("solver", ["newton", "interior_point"])
+@pytest.mark.parametrize("name", ["wall", "slope that does not", "tower", "frictionless pile"])
+def test_worlds_move_the_same(name, solver):
+    worlds = [
+        gpx.World(SCENES[name](), time_step=1 / 240, solver=solver, presolve=presolve, tolerance=1e-12)
+        for presolve in (False, True)
+    ]
+    for world in worlds:
+        world.step(20)
+    np.testing.assert_allclose(worlds[0].velocities, worlds[1].velocities, atol=1e-10)
+    np.testing.assert_allclose(worlds[0].positions, worlds[1].positions, atol=1e-11)
+    assert worlds[0].solution.presolve is None
+
+
+def test_a_step_tells_what_presolve_did():
+    world = gpx.World(gpx.scenes.wall(3), time_step=1 / 240, warm_start=False)
+    world.step()
+    assert [reduction.name for reduction in world.solution.presolve.reductions] == ["planar"]
+
+
+def test_the_report_prints_as_a_table():
+    text = str(gpx.presolve(gpx.scenes.wall(2)))
+    assert text.splitlines()[0].split() == ["islands", "contacts", "rows", "velocities"]
+    assert [line.split()[0] for line in text.splitlines()[1:]] == ["before", "planar", "after"]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [({"presolve": 1}, "presolve is 1"), ({"threads": 0}, "threads is 0"), ({"threads": True}, "threads is True")],
+)
+def test_bad_settings_are_refused(options, message):
+    with pytest.raises(gpx.SettingsError, match=message):
+        gpx.solve(chain([1.0], [-1.0]), **options)
+
+
+def test_what_cannot_be_reduced_is_refused():
+    with pytest.raises(gpx.ProblemError, match="what is a ndarray"):
+        gpx.presolve(np.eye(3))
+    with pytest.raises(gpx.ProblemError, match="the system carries A alone"):
+        gpx.presolve(gpx.StackedSystem(np.eye(3), np.ones(3), [0.5]))
+    with pytest.raises(gpx.SettingsError, match="formulation is 'box'"):
+        gpx.presolve(gpx.scenes.tower(1), "box")
