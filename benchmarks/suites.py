@@ -7,5 +7,6 @@ from collections.abc import Mapping
 from benchmarks.attempts import Suite
 from benchmarks.fclib.suite import Fclib
 from benchmarks.impacts.suite import Impacts
+from benchmarks.presolve.suite import Presolve
 
-SUITES: Mapping[str, Suite] = {suite.name: suite for suite in (Fclib(), Impacts())}
+SUITES: Mapping[str, Suite] = {suite.name: suite for suite in (Fclib(), Impacts(), Presolve())}

@@ -26,6 +26,8 @@ Matrix: TypeAlias = Any
 
 # Real problem files carry six digits, which makes their A asymmetric by up to 2.5e-3; beyond this it is a mistake.
 ASYMMETRY_LIMIT: Final = 1e-2
+# A pivot of M⁻¹ below this share of its diagonal entry is zero.
+DEPENDENT: Final = 1e-13
 # Up to so many rows and columns a dense product takes less time than scipy needs to begin a sparse one, some 10 µs.
 SMALL: Final = 64
 
@@ -407,8 +409,15 @@ def _checked_whitening(jacobian: sp.bsr_array, inverse_mass: Array, value: npt.A
 
 
 def _semidefinite_factors(blocks: Array) -> Array:
-    """Return L of each symmetric positive semidefinite block, block = L Lᵀ; a locked axis gives a column of zeros."""
-    if blocks.shape[1] == 1:
-        return np.asarray(np.sqrt(blocks))
-    values, vectors = np.linalg.eigh(blocks)
-    return np.asarray(vectors * np.sqrt(np.clip(values, 0.0, None))[:, None, :])
+    """Return the lower L of each symmetric positive semidefinite block, block = L Lᵀ; a locked axis gives zeros.
+
+    Cholesky's, so that velocities that no mass couples, such as translations and rotations, are not mixed.
+    """
+    factors, rest = np.zeros_like(blocks), blocks.copy()
+    for k in range(blocks.shape[1]):
+        pivot = rest[:, k, k]
+        # What is left of a row that depends on those before it is rounding.
+        left = pivot > DEPENDENT * blocks[:, k, k]
+        factors[left, k:, k] = rest[left, k:, k] / np.sqrt(pivot[left])[:, None]
+        rest -= factors[:, :, k, None] * factors[:, None, :, k]
+    return factors

@@ -17,35 +17,36 @@ collinear      all motion along one line at each contact, contacts balanced     
 closed form    one contact; a chain of bodies on one line                         nothing: solved without iteration
 ============== ================================================================== =================================
 
-All but the first four and the last are one theorem. Gather contacts i in groups g, with weights w_i > 0 that add up to
-one and frames C_i (orthonormal columns, the first the normal), and give every body b a subspace of its velocities, whitened
-by M^½, with an orthonormal basis Q. Solve J' = Σ w_i C_iᵀ Ĵ_i Q, B' = Σ w_i C_iᵀ B_i, and lift p_i = w_i C_i q_g. Where
+All but the first four and the last are one theorem. Gather contacts i in groups g, with weights w_i > 0 that add up
+to one and frames C_i (orthonormal columns, the first the normal), and give every body b a subspace of its velocities,
+whitened by M^½, with an orthonormal basis Q. Solve J' = Σ w_i C_iᵀ Ĵ_i Q, B' = Σ w_i C_iᵀ B_i, and lift p_i = w_i C_i
+q_g. Where
 
 * Σ w_i C_iᵀ Ĵ_i has no part outside the subspaces,
 * Ĵ_i Q = C_i J'_g, and B_i = C_i B'_g,
 
-u_i = Ĵ_i Ĵᵀ p - B_i = Ĵ_i Q J'ᵀ q - C_i B'_g = C_i u'_g: every contact of a group moves as the reduced one does. The laws of
-contact are isotropic and homogeneous, so they hold for (p_i, u_i) exactly where they hold for (q_g, u'_g). The core checks
-these three conditions to rounding before it uses a reduction; proofs of each are in `gpx_lcp/rust/src/presolve`.
+u_i = Ĵ_i Ĵᵀ p - B_i = Ĵ_i Q J'ᵀ q - C_i B'_g = C_i u'_g: every contact of a group moves as the reduced one does. The
+laws of contact are isotropic and homogeneous, so they hold for (p_i, u_i) exactly where they hold for (q_g, u'_g).
+The core checks these three conditions to rounding before it uses a reduction; proofs of each are in
+`gpx_lcp/rust/src/presolve`.
 
 The frictionless and the convex law have one velocity, with or without presolve. Coulomb's law can have several exact
-solutions, and then presolve may find another one. Contacts that share a load in more than one way share it equally, or in
-the plane by the least weights without a moment out of it.
+solutions, and then presolve may find another one. Contacts that share a load in more than one way share it equally,
+or in the plane by the least weights without a moment out of it.
 
-Not reduced: contacts that are redundant in other ways, an inactive contact of an island in which others close, and systems
-given by A alone.
+Not reduced: contacts that are redundant in other ways, an inactive contact of an island in which others close, and
+systems given by A alone.
 """
 
 from __future__ import annotations
 
+from formulations import StackedSystem
 from gpx_lcp.core_system import core_system
 from gpx_lcp.errors import ProblemError, SettingsError
 from gpx_lcp.presolved import Presolve
 from gpx_lcp.scene import Scene
 from gpx_lcp.solve import default_formulation
 from gpx_lcp.world import World
-
-from formulations import StackedSystem
 
 # The formulations whose laws are isotropic.
 REDUCED = ("normal", "cone", "coulomb")

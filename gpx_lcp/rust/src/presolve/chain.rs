@@ -175,3 +175,51 @@ fn pooled(masses: &[f64], shift: &[f64]) -> Option<Vec<Pool>> {
     }
     Some(pools)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const INFINITE: f64 = f64::INFINITY;
+
+    fn values(masses: &[f64], shift: &[f64]) -> Option<Vec<f64>> {
+        let pools = pooled(masses, shift)?;
+        let values = pools
+            .iter()
+            .flat_map(|pool| vec![pool.value; pool.end - pool.begin]);
+        Some(values.collect())
+    }
+
+    #[test]
+    fn what_rises_stays_apart() {
+        assert_eq!(
+            values(&[1.0, 2.0, 3.0], &[0.0, 1.0, 1.0]),
+            Some(vec![0.0, 1.0, 1.0])
+        );
+    }
+
+    #[test]
+    fn what_falls_has_the_velocity_of_its_centre_of_mass() {
+        assert_eq!(
+            values(&[3.0, 1.0, 2.0], &[6.0, 0.0, 1.5]),
+            Some(vec![3.5, 3.5, 3.5])
+        );
+    }
+
+    #[test]
+    fn ground_holds_what_falls_on_it() {
+        assert_eq!(
+            values(&[INFINITE, 1.0, 1.0], &[0.0, -1.0, 4.0]),
+            Some(vec![0.0, 0.0, 4.0])
+        );
+        assert_eq!(
+            values(&[1.0, 1.0, INFINITE], &[1.0, 3.0, 2.0]),
+            Some(vec![1.0, 2.0, 2.0])
+        );
+    }
+
+    #[test]
+    fn nothing_fits_between_closing_walls() {
+        assert_eq!(values(&[INFINITE, 1.0, INFINITE], &[0.0, 0.0, -1.0]), None);
+    }
+}

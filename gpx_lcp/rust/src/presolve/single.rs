@@ -4,10 +4,9 @@
 //! p = A⁻¹ B; sliding, p on the cone with u_t against it, one equation for the angle (see `friction_cone`), solved to
 //! rounding by a safeguarded Newton method. Without friction that is (1.2) of the founding paper, p = B_n / A_nn.
 
-use crate::contact::{Contact, Law as Answer, local_step};
+use crate::contact::{Contact, Law as Answer};
 use crate::exact::Law;
 use crate::friction_cone::{ConvexCone, Coulomb};
-use crate::lanes::{Lanes, Portable};
 use crate::small_matrix::{Matrix, Vector, dot};
 
 use super::lift::Part;
@@ -21,15 +20,15 @@ pub fn solve(part: &Part, law: Law) -> Option<Vec<f64>> {
         return None;
     }
     match (part.rows, law) {
-        (1, _) => answer::<1>(part, &ConvexCone, 0.0),
-        (2, Law::Coulomb) => answer::<2>(part, &Coulomb, part.friction[0]),
-        (2, _) => answer::<2>(part, &ConvexCone, part.friction[0]),
-        (_, Law::Coulomb) => answer::<3>(part, &Coulomb, part.friction[0]),
-        (_, _) => answer::<3>(part, &ConvexCone, part.friction[0]),
+        (1, _) => answer::<1, _>(part, &ConvexCone, 0.0),
+        (2, Law::Coulomb) => answer::<2, _>(part, &Coulomb, part.friction[0]),
+        (2, _) => answer::<2, _>(part, &ConvexCone, part.friction[0]),
+        (_, Law::Coulomb) => answer::<3, _>(part, &Coulomb, part.friction[0]),
+        (_, _) => answer::<3, _>(part, &ConvexCone, part.friction[0]),
     }
 }
 
-fn answer<const R: usize>(part: &Part, law: &impl Answer<R>, friction: f64) -> Option<Vec<f64>> {
+fn answer<const R: usize, L: Answer<R>>(part: &Part, law: &L, friction: f64) -> Option<Vec<f64>> {
     let mut block: Matrix<R> = [[0.0; R]; R];
     let width = part.matrix.width;
     for values in part.matrix.values.chunks_exact(R * width) {
@@ -45,17 +44,16 @@ fn answer<const R: usize>(part: &Part, law: &impl Answer<R>, friction: f64) -> O
     if scale == 0.0 {
         return None;
     }
-    let contact = Contact::new(&block, target, friction, scale);
-    let mut local = law.prepare(&contact);
+    let mut contact = Contact::new(&block, target, friction, scale);
     let at =
         |p: &Vector<R>| -> Vector<R> { std::array::from_fn(|r| dot(&block[r], p) - target[r]) };
     let size = dot(&target, &target).sqrt();
-    let mut impulse = [0.0; R];
-    // The second step takes out the rounding of the first.
+    // The second visit takes out the rounding of the first.
     for _ in 0..2 {
-        let velocity = at(&impulse).map(Portable::splat);
-        impulse = local_step(law, &contact, &mut local, &impulse, &velocity).impulse;
+        let velocity = at(&contact.impulse);
+        contact.visit::<L, f64>(law, &mut [L::Local::default()], &velocity, 1.0);
     }
+    let impulse = contact.impulse;
     let map = law.natural_map(friction, scale, &impulse, &at(&impulse));
     let residual = dot(&map, &map).sqrt() / size;
     (residual <= LEAVES).then(|| impulse.to_vec())

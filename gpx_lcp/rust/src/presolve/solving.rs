@@ -3,7 +3,7 @@
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use crate::exact::{self, Law, Limits, Method, Operator, Problem, Report, Status};
+use crate::exact::{self, Limits, Method, Operator, Problem, Report, Status};
 
 use super::lift::{LARGEST, LocalBodies, Model, Part, Proposal, size};
 use super::{View, chain, collinear, inactive, islands, planar, single, spatial, translational};

@@ -1,0 +1,134 @@
+"""What the suite measures: a scene stepped from nothing and from the last impulses, with and without presolve."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import gpx_lcp as gpx
+from benchmarks.attempts import COLD, Answer, Attempt, Outcome
+from benchmarks.machine import version_of
+from benchmarks.presolve.scenes import SCENES
+
+NAME = "presolve"
+STEPPED = "stepped"
+TIME_STEP = 1 / 240
+TOLERANCE = 1e-8
+
+AS_ASKED, REDUCED, THREADED = "as asked", "presolved", "presolved, threads"
+SETTINGS = (AS_ASKED, REDUCED, THREADED)
+
+
+@dataclass(frozen=True)
+class SceneBatch:
+    """Every setting of every solver on one scene."""
+
+    name: str
+    attempts: Sequence[Attempt]
+    repeats: int
+    time_limit: float
+    steps: int
+
+    @property
+    def cases(self) -> Sequence[str]:
+        """The same first step again and again; and steps in a row, each from the impulses of the last."""
+        return (COLD, STEPPED)
+
+    def open(self) -> SceneBench:
+        """Build the scene, and take the steps before."""
+        return SceneBench(self)
+
+    def only(self, attempts: Sequence[Attempt]) -> SceneBatch:
+        """Return the batch with these of its attempts."""
+        return replace(self, attempts=attempts)
+
+
+def scene_batch(name: str, solvers: Sequence[str], steps: int, repeats: int, limit: float) -> SceneBatch:
+    """Return the batch of a scene."""
+    settings = SETTINGS if SCENES[name].threads > 1 else SETTINGS[:2]
+    attempts = [
+        Attempt(
+            suite=NAME,
+            scene=name,
+            solver=solver,
+            formulation="coulomb",
+            setting=setting,
+            effort=float(SETTINGS.index(setting)),
+            tolerance=TOLERANCE,
+            engine_version=version_of("gpx-lcp"),
+        )
+        for solver in solvers
+        for setting in settings
+    ]
+    return SceneBatch(name, attempts, repeats, limit, steps)
+
+
+class SceneBench:
+    """A scene, and a world of it for each setting."""
+
+    def __init__(self, batch: SceneBatch) -> None:
+        self._batch = batch
+        self._scene = SCENES[batch.name]
+
+    def _world(self, attempt: Attempt, warm_start: bool) -> gpx.World:
+        world = gpx.World(
+            self._scene.make(),
+            TIME_STEP,
+            solver=attempt.solver,
+            tolerance=TOLERANCE,
+            presolve=attempt.setting != AS_ASKED,
+            warm_start=warm_start,
+            threads=self._scene.threads if attempt.setting == THREADED else 1,
+        )
+        world.step(self._scene.steps_before)
+        return world
+
+    def try_once(self, attempt: Attempt, first: bool, seconds_left: float) -> Sequence[Outcome]:
+        """Take a cold step, and `steps` warm ones after it in another world."""
+        cold, stepped = self._world(attempt, False), self._world(attempt, True)
+        outcomes = [_outcome(COLD, cold, _times(cold, 1))]
+        # The first steps of a scene at rest find its loads; what follows is how it is simulated.
+        stepped.step(5)
+        outcomes.append(_outcome(STEPPED, stepped, _times(stepped, self._batch.steps)))
+        return outcomes
+
+
+def _times(world: gpx.World, steps: int) -> list[float]:
+    times = []
+    for _ in range(steps):
+        tick = time.perf_counter()
+        world.step()
+        times.append(time.perf_counter() - tick)
+    return times
+
+
+def _outcome(case: str, world: gpx.World, times: Sequence[float]) -> Outcome:
+    solution = world.solution
+    assert solution is not None
+    report, system = solution.presolve, solution.system
+    after = None if report is None else report.after
+    removed = "" if report is None else ", ".join(reduction.name for reduction in report.reductions)
+    return Outcome(
+        step_seconds=times,
+        setup_seconds=solution.setup_seconds,
+        solve_seconds=solution.solve_seconds,
+        case=case,
+        status=solution.status.name.lower(),
+        method=solution.method,
+        fallbacks=solution.fallbacks,
+        bodies=len(world.bodies),
+        contacts=system.contacts,
+        steps_asked=len(times),
+        iterations=solution.iterations,
+        certificate=solution.certificate,
+        reached=solution.status is gpx.Status.SOLVED,
+        answer=Answer(system, solution.impulse, solution.method.split("/")[0]),
+        figures={
+            "islands": 1 if report is None else report.islands,
+            "rows_left": system.contacts * system.rows if after is None else after.rows,
+            "velocities_left": system.jacobian.shape[1] if after is None and system.jacobian is not None else None,
+            "reductions": removed,
+        }
+        | ({} if after is None else {"velocities_left": after.velocities}),
+    )
