@@ -170,7 +170,6 @@ def test_a_jam_beside_a_tower_is_found(solver):
 
 
 @both_solvers
-@pytest.mark.xfail(strict=True, reason="the one large step that gives y still carries impulses of the wall")
 def test_a_jam_beside_a_tumbling_wall_is_found(solver):
     require_infeasible(side_by_side(tumbling_wall(3, 0), driven_walls(0.01)), solver)
 

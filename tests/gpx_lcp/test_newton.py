@@ -26,8 +26,9 @@ def test_a_resting_stack_costs_little_when_its_load_changes(bricks):
     system = bricks(20)
     before = gpx.solve(system, "coulomb", "interior_point", tolerance=1e-9)
     heavier = gpx.StackedSystem.from_jacobian(system.jacobian, system.inverse_mass, 1.001 * system.B, system.friction)
-    after = gpx.solve(heavier, "coulomb", "newton", tolerance=1e-8, warm_start=before.impulse)
-    cold = gpx.solve(heavier, "coulomb", "newton", tolerance=1e-8)
+    asked = {"tolerance": 1e-8, "presolve": False}
+    after = gpx.solve(heavier, "coulomb", "newton", warm_start=before.impulse, **asked)
+    cold = gpx.solve(heavier, "coulomb", "newton", **asked)
     assert after.status is cold.status is gpx.Status.SOLVED
     assert after.iterations < cold.iterations
 
