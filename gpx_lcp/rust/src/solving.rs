@@ -218,6 +218,7 @@ fn view(stack: &Stack, law: exact::Law) -> presolve::View<'_> {
         whitened: &stack.whitened,
         jacobian: Some(&stack.blocks),
         b: &stack.b,
+        largest: presolve::largest(&stack.b),
         friction: &stack.friction,
         law,
     }

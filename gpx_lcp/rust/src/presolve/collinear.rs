@@ -6,9 +6,7 @@
 //! the same to cancel, and nothing along the tangents. Then friction has nothing to do, and the theorem of this folder holds
 //! with C_i the normal: a tower of cubes at rest is a column of point masses, a quarter of the load at each corner.
 
-use super::lift::{
-    Basis, Columns, LARGEST, LocalBodies, Model, Proposal, Share, dot, largest, size,
-};
+use super::lift::{Basis, Columns, LARGEST, LocalBodies, Model, Proposal, Share, dot, size};
 use super::{ROUNDING, View};
 
 /// Propose one contact for each run of contacts between the same bodies.
@@ -19,7 +17,7 @@ pub fn propose(
     local: &LocalBodies,
 ) -> Option<Proposal> {
     // Most islands that are not collinear show it here, before anything is worked out.
-    let still = ROUNDING * largest(view.b);
+    let still = ROUNDING * view.largest;
     let slides = |&contact: &u32| {
         let tangents = &view.target(contact)[1..];
         view.has_friction(contact) && tangents.iter().any(|x| x.abs() > still)

@@ -170,7 +170,6 @@ impl Part {
             }
             self.friction[share.group as usize] = view.friction[contact as usize];
         }
-        let largest = largest(view.b);
         for (&contact, share) in self.contacts.iter().zip(&self.shares) {
             let target = view.target(contact);
             let group = &self.b[share.group as usize * rows..][..rows];
@@ -184,7 +183,7 @@ impl Part {
             }
             let friction = view.friction[contact as usize];
             if friction != self.friction[share.group as usize]
-                || !(miss.max(hidden) <= ROUNDING * largest)
+                || !within(miss.max(hidden), ROUNDING * view.largest)
             {
                 return None;
             }
@@ -237,7 +236,7 @@ impl Part {
                         }
                     }
                     // (a)
-                    if !(size(&rest) <= ROUNDING * length.max(size(line))) {
+                    if !within(size(&rest), ROUNDING * length.max(size(line))) {
                         return None;
                     }
                     self.matrix.values.extend_from_slice(&entries[..width]);
@@ -265,7 +264,10 @@ impl Part {
                 let mut line = [0.0; LARGEST];
                 self.shares[member as usize].add_seen(view, place, r, 1.0, &mut line);
                 let miss = line.iter().zip(wanted).map(|(x, y)| (x - y).abs());
-                if !(miss.fold(0.0, f64::max) <= ROUNDING * length.max(size(wanted))) {
+                if !within(
+                    miss.fold(0.0, f64::max),
+                    ROUNDING * length.max(size(wanted)),
+                ) {
                     return None;
                 }
             }
@@ -557,6 +559,7 @@ pub fn size(a: &[f64]) -> f64 {
     dot(a, a).sqrt()
 }
 
-pub fn largest(values: &[f64]) -> f64 {
-    values.iter().fold(0.0, |most, value| most.max(value.abs()))
+/// Whether a value is at most so large; one that is no number is not.
+pub fn within(value: f64, bound: f64) -> bool {
+    value <= bound
 }

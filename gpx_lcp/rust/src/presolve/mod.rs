@@ -69,6 +69,8 @@ pub struct View<'a> {
     /// rotations or none. Only the recognition of planes needs them.
     pub jacobian: Option<&'a [f64]>,
     pub b: &'a [f64],
+    /// Of B, what velocities are measured against.
+    pub largest: f64,
     pub friction: &'a [f64],
     pub law: Law,
 }
@@ -100,4 +102,9 @@ impl<'a> View<'a> {
     fn has_friction(&self, contact: u32) -> bool {
         self.law != Law::Normal && self.rows > 1 && self.friction[contact as usize] > 0.0
     }
+}
+
+/// The largest size of an entry.
+pub fn largest(values: &[f64]) -> f64 {
+    values.iter().fold(0.0, |most, value| most.max(value.abs()))
 }

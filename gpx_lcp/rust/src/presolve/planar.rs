@@ -11,7 +11,7 @@
 //! Σ w y = 0: w_i = (Σ y² − y_i Σ y) / (m Σ y² − (Σ y)²), equal ones where the contacts lie symmetrically.
 
 use super::lift::{
-    Basis, Columns, LARGEST, LocalBodies, Model, Proposal, Share, largest, members, size,
+    Basis, Columns, LARGEST, LocalBodies, Model, Proposal, Share, members, size, within,
 };
 use super::{ROUNDING, View};
 
@@ -71,7 +71,7 @@ impl Frames<'_> {
         }
         let rows = self.view.rows;
         let mut axes: Vec<Axis> = (1..rows).map(|row| self.row(first, row).0).collect();
-        let mut fastest = (DISTINCT * largest(self.view.b), [0.0; 3]);
+        let mut fastest = (DISTINCT * self.view.largest, [0.0; 3]);
         for &contact in contacts.iter().filter(moved) {
             let target = self.view.target(contact);
             let speed = size(&target[1..]);
@@ -146,7 +146,7 @@ impl Frames<'_> {
             return Some(Place::default());
         }
         let (normal, moment) = self.row(contact, 0);
-        if !(dot(&normal, axis).abs() <= ROUNDING * size(&normal)) {
+        if !within(dot(&normal, axis).abs(), ROUNDING * size(&normal)) {
             return None;
         }
         let mut tangent = [1.0, 0.0];
@@ -155,13 +155,13 @@ impl Frames<'_> {
             // The tangent in the plane is the one without a part along the axis.
             let along = [dot(&first, axis), dot(&second, axis)];
             let length = size(&along);
-            if !(length > 0.5) {
+            if length < 0.5 {
                 return None;
             }
             tangent = [along[1] / length, -along[0] / length];
             let target = view.target(contact);
             let hidden = tangent[0] * target[2] - tangent[1] * target[1];
-            if !(hidden.abs() <= ROUNDING * largest(view.b)) {
+            if !within(hidden.abs(), ROUNDING * view.largest) {
                 return None;
             }
         }
@@ -290,7 +290,7 @@ fn balance(shares: &mut [Share], places: &[Place], group: u32) -> Option<()> {
         } else {
             (squares - place.along * sum) / spread
         };
-        if !(share.weight > 0.0) {
+        if share.weight <= 0.0 {
             return None;
         }
     }

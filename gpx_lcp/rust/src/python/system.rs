@@ -183,6 +183,7 @@ impl System {
             whitened: &factor.values,
             jacobian: self.jacobian.as_deref(),
             b: &self.target,
+            largest: presolve::largest(&self.target),
             friction: &self.friction,
             law,
         })
