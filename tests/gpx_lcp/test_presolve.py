@@ -46,7 +46,6 @@ def assert_same_velocities(system: gpx.StackedSystem, **options: object) -> gpx.
     plain = gpx.solve(system, tolerance=1e-12, presolve=False, **options)
     smaller = gpx.solve(system, tolerance=1e-12, **options)
     assert plain.presolve is None
-    assert plain.program_residual <= 1e-11
     assert smaller.program_residual <= max(1e-12, plain.program_residual)
     largest = np.abs(system.B).max(initial=0.0)
     np.testing.assert_allclose(smaller.velocity, plain.velocity, rtol=0, atol=1e-10 * largest)
