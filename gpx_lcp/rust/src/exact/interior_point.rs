@@ -16,16 +16,24 @@
 //! predictor and corrector; V. Acary, P. Armand, H. M. Nguyen, M. Shpakovych, *Second-order cone programming for
 //! frictional contact mechanics using interior point algorithm*, Optim. Methods Softw. 39 (2024), for the convex case.
 //! Departures: (1) the coupling is linearised with the rest instead of being frozen; (2) σ is kept large enough that τ does
-//! not run ahead of the residual ρ of z = y(u), because the central path of Coulomb's law is found only near ρ = 0.
+//! not run ahead of the residual ρ of z = y(u), because the central path of Coulomb's law is found only near ρ = 0; (3)
+//! where that path folds, it is followed by its length: see `fold`.
+
+mod fold;
 
 use super::cones::{Scaling, jordan, jordan_divide, step_to_boundary};
 use super::newton_system::NewtonSystem;
 use super::problem::{Best, Limits, Problem};
 use super::small::{IDENTITY, Matrix, Vector, ZERO, dot, product, tangent_norm, times};
+use fold::Fold;
 
 /// Steps in which the residual must fall by a tenth, or τ by three tenths, or the iteration is called stalled.
 const PATIENCE: usize = 6;
-/// The share of the way to the boundary of the cones that a step may go.
+/// The same for steps along the path and near it, which is a long way from one fold to the next.
+const LONG_PATIENCE: usize = 60;
+
+/// The share of the way to the boundary of the cones that a step may go. Where folds are to be followed, it is nine tenths,
+/// and this only where the predictor does well: the path is lost where some contacts are far from its middle.
 const DAMPING: f64 = 0.99;
 
 /// How the method starts, and how strongly it smooths ‖u_t‖.
@@ -35,6 +43,8 @@ pub struct Start {
     pub impulse_size: f64,
     /// ε/τ.
     pub smoothing: f64,
+    /// Whether the path is followed around its folds.
+    pub folds: bool,
 }
 
 /// The size of impulses p, the root mean square of √d p, where velocities are of size one.
@@ -78,19 +88,25 @@ pub fn interior_point(
     best: &mut Best,
 ) -> usize {
     let mut point = Point::new(problem, start);
-    let (mut reference, mut idle) = ((f64::INFINITY, f64::INFINITY), 0);
+    let (mut reference, mut idle, mut lost) = ((f64::INFINITY, f64::INFINITY), 0, 0);
     let mut step = 0;
     loop {
         point.update(problem);
         best.offer(step, &point.impulse, point.residual);
         if point.residual < 0.9 * reference.0 || point.tau < 0.7 * reference.1 {
             reference = (point.residual.min(reference.0), point.tau.min(reference.1));
-            idle = 0;
+            (idle, lost) = (0, 0);
         } else {
             idle += 1;
+            lost += usize::from(!point.fold.as_ref().is_some_and(Fold::on_path));
         }
         let finished = best.residual <= limits.tolerance || step == limits.iterations;
-        if finished || idle > PATIENCE || limits.expired() || !point.is_interior() {
+        if finished
+            || lost > PATIENCE
+            || idle > LONG_PATIENCE
+            || limits.expired()
+            || !point.is_interior()
+        {
             return step;
         }
         if !point.advance(problem, system) {
@@ -119,11 +135,25 @@ struct Point {
     scratch: Vec<f64>,
     /// Contacts that take part.
     cones: f64,
+    /// The length of the last step.
+    length: f64,
+    fold: Option<Fold>,
 }
 
 struct Direction {
     dr: Vec<Vector>,
     dz: Vec<Vector>,
+}
+
+impl Direction {
+    /// Adds a multiple of another direction.
+    fn add(&mut self, factor: f64, other: &Self) {
+        for (field, more) in [(&mut self.dr, &other.dr), (&mut self.dz, &other.dz)] {
+            for (value, d) in field.iter_mut().flatten().zip(more.iter().flatten()) {
+                *value += factor * d;
+            }
+        }
+    }
 }
 
 impl Point {
@@ -156,6 +186,8 @@ impl Point {
             scaling: Vec::with_capacity(contacts),
             residual: f64::INFINITY,
             scratch: Vec::new(),
+            length: 1.0,
+            fold: (start.folds && problem.coupled).then(Fold::new),
         }
     }
 
@@ -220,6 +252,18 @@ impl Point {
         let affine: Vec<Vector> = lambda.iter().map(|l| l.map(|value| -value)).collect();
         let predictor = self.direction(problem, system, &affine);
         let reach = self.step_length(&predictor).min(1.0);
+        let mut damping = DAMPING;
+        if let Some(mut fold) = self.fold.take() {
+            let sign = system.determinant_sign();
+            let ahead = fold.ahead(self.length, reach, sign);
+            if ahead {
+                let go_on = self.follow(problem, system, &lambda, predictor, sign, &mut fold);
+                self.fold = Some(fold);
+                return go_on;
+            }
+            self.fold = Some(fold);
+            damping = 0.9 + 0.09 * reach;
+        }
         let sigma = self.centring(reach);
 
         let second_order: Vec<Vector> = (0..lambda.len())
@@ -239,7 +283,7 @@ impl Point {
             })
             .collect();
         let mut direction = self.direction(problem, system, &second_order);
-        let mut length = (DAMPING * self.step_length(&direction)).min(1.0);
+        let mut length = (damping * self.step_length(&direction)).min(1.0);
         if length < 0.1 {
             // The correction misleads far from the path: a plain, well-centred Newton step instead.
             let centred: Vec<Vector> = lambda
@@ -257,7 +301,7 @@ impl Point {
                 })
                 .collect();
             let plain = self.direction(problem, system, &centred);
-            let other = (DAMPING * self.step_length(&plain)).min(1.0);
+            let other = (damping * self.step_length(&plain)).min(1.0);
             if other > length {
                 (direction, length) = (plain, other);
             }
@@ -265,12 +309,17 @@ impl Point {
         if length.is_nan() || length < 1e-10 {
             return false;
         }
+        self.go(&direction, length);
+        true
+    }
+
+    fn go(&mut self, direction: &Direction, length: f64) {
         for (field, change) in [(&mut self.r, &direction.dr), (&mut self.z, &direction.dz)] {
             for (value, d) in field.iter_mut().flatten().zip(change.iter().flatten()) {
                 *value += length * d;
             }
         }
-        true
+        self.length = length;
     }
 
     /// E = S W² T S of one contact, in the coordinates of p.

@@ -147,6 +147,11 @@ impl<'a> NewtonSystem<'a> {
         step / sweep
     }
 
+    /// The sign of det(I + E A) as factored last, the same in both spaces: 1 or −1.
+    pub fn determinant_sign(&self) -> f64 {
+        self.lu.determinant_sign()
+    }
+
     pub fn fill(&self) -> usize {
         self.lu.fill()
     }

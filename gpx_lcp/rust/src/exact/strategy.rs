@@ -2,8 +2,9 @@
 //!
 //! The two methods fail on different problems. Proximal Newton with growing trust solves what rests in a dozen steps,
 //! however tall, and profits from a warm start; the interior point is the quicker one wherever much slides, but the central
-//! path of Coulomb's law can fold, and then it stalls at 1e-2 … 1e-6; from there proximal Newton gets home. A stronger
-//! smoothing of ‖u_t‖ bends the path, which helps where all that fails.
+//! path of Coulomb's law can fold. Around folds it is followed by its length; where that stalls, mostly where A carries
+//! few digits, proximal Newton goes on, then the path is tried once more in long steps without regard to folds, which end
+//! elsewhere. A stronger smoothing of ‖u_t‖ bends the path, which helps where all that fails.
 
 use super::infeasibility::certificate;
 use super::interior_point::{Start, impulse_size, interior_point, stopping_impulses};
@@ -53,7 +54,9 @@ enum Stage {
     Sweeps(f64),
     /// Proximal Newton from the best point while it is easy.
     Probe,
-    /// Interior point with this smoothing.
+    /// Interior point with this smoothing, around the folds of the path.
+    Folds(f64),
+    /// Interior point with this smoothing, straight on.
     Path(f64),
     /// Proximal Newton from where the stage before ended, while the residual halves in so many steps.
     Proximal(usize),
@@ -62,16 +65,20 @@ enum Stage {
 /// The stages of each method. Little smoothing is best as a rule: with ε/τ = 1e-3 the 24 hard problems of the
 /// measurements (towers and walls at random velocities, capsules, rocks) take 50 steps in the geometric mean, with 1 they
 /// take 67. Strong smoothing finds the solutions of what is left.
-const INTERIOR_POINT: [Stage; 5] = [
+const INTERIOR_POINT: [Stage; 7] = [
     Stage::Sweeps(20.0),
+    Stage::Folds(1e-3),
+    Stage::Proximal(40),
     Stage::Path(1e-3),
     Stage::Proximal(80),
     Stage::Path(10.0),
     Stage::Proximal(200),
 ];
-const PROXIMAL_NEWTON: [Stage; 6] = [
+const PROXIMAL_NEWTON: [Stage; 8] = [
     Stage::Sweeps(20.0),
     Stage::Probe,
+    Stage::Folds(1e-3),
+    Stage::Proximal(40),
     Stage::Path(1e-3),
     Stage::Proximal(80),
     Stage::Path(10.0),
@@ -185,7 +192,7 @@ impl<'a> Run<'a> {
                 };
                 proximal_newton(problem, system, limits, &here, effort, found)
             }
-            Stage::Path(smoothing) => {
+            Stage::Folds(smoothing) | Stage::Path(smoothing) => {
                 let size = impulse_size(problem, &stopping_impulses(problem, system)).max(3.0);
                 interior_point(
                     problem,
@@ -194,6 +201,7 @@ impl<'a> Run<'a> {
                     Start {
                         impulse_size: size,
                         smoothing,
+                        folds: matches!(stage, Stage::Folds(_)),
                     },
                     found,
                 )
@@ -226,7 +234,7 @@ impl Stage {
         match self {
             Self::Sweeps(_) => "gauss_seidel",
             Self::Probe | Self::Proximal(_) => "proximal_newton",
-            Self::Path(_) => "interior_point",
+            Self::Folds(_) | Self::Path(_) => "interior_point",
         }
     }
 }

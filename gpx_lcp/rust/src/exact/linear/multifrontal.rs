@@ -136,6 +136,23 @@ impl BlockLu {
         replaced
     }
 
+    /// The sign of the determinant of the matrix factored last, 1 or −1.
+    pub fn determinant_sign(&self) -> f64 {
+        let mut negative = false;
+        for (index, supernode) in self.symbolic.supernodes.iter().enumerate() {
+            let (width, size) = (
+                supernode.width() * self.block,
+                supernode.size() * self.block,
+            );
+            let first = supernode.first * self.block;
+            for k in 0..width {
+                negative ^= self.factors[self.offsets[index] + k * (size + 1)] < 0.0;
+                negative ^= self.exchanges[first + k] as usize != k;
+            }
+        }
+        if negative { -1.0 } else { 1.0 }
+    }
+
     /// Solves with the last factorisation, in place; `vector` is in the caller's order of nodes.
     pub fn solve(&mut self, vector: &mut [f64]) {
         let block = self.block;
