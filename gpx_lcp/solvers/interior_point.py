@@ -7,8 +7,8 @@ In Lorentz coordinates, r = (μ p_n, p_t) and û = (u_n/μ, u_t) of each contact
 Newton's method follows r ∘ z = τ e as τ falls, in Nesterov-Todd scaling, with the friction coupling ‖u_t‖ inside the
 Newton step: one sparse factorisation a step, of a matrix on the bodies' velocities (6 × bodies: regular also where
 redundant contacts make A singular, block-tridiagonal on a tower) or, where the system carries A alone, on the impulses.
-Ten to forty steps reach 1e-8 on stacks, whatever the mass ratio. The central path of Coulomb's law can fold; there it is
-followed by its length, τ growing until the next fold turns it down again. Where the steps get nowhere, the proximal
+Ten to forty steps reach 1e-8 on stacks, whatever the mass ratio. The central path of Coulomb's law can fold; there it
+is followed by its length, τ growing until the next fold turns it down again. Where the steps get nowhere, the proximal
 Newton method goes on from there, and `fallbacks` says so.
 
 A few Gauss-Seidel sweeps come first, and more of them only while they promise to reach the tolerance for the price of a
