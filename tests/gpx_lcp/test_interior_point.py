@@ -21,6 +21,20 @@ def test_tower_of_thirty_cubes_carries_the_weight_above(bricks, formulation):
     assert solution.iterations <= 40
 
 
+def test_tall_towers_with_random_velocities_are_solved_around_the_folds_of_their_paths():
+    """One tower in a few takes some hundred steps; without going around folds most of them do."""
+    rest = gpx.World(gpx.scenes.tower(300), 1 / 240).system()
+    steps = []
+    for seed in range(10):
+        free = rest.free_velocity + np.random.default_rng(seed).normal(size=rest.free_velocity.size)
+        B = -(rest.jacobian @ free)
+        system = gpx.StackedSystem.from_jacobian(rest.jacobian, rest.inverse_mass, B, rest.friction)
+        solution = gpx.solve(system, "coulomb", "interior_point", tolerance=1e-8)
+        assert solution.status is gpx.Status.SOLVED
+        steps.append(solution.iterations)
+    assert np.median(steps) <= 100
+
+
 @pytest.mark.parametrize("ratio", [1e3, 1e6])
 def test_a_heavy_cube_on_light_ones_is_no_harder(bricks, ratio):
     solution = gpx.solve(bricks(10, top=ratio), "coulomb", "interior_point", tolerance=1e-8)

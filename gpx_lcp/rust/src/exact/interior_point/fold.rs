@@ -13,8 +13,8 @@
 //!
 //! Source: E. L. Allgower, K. Georg, *Introduction to Numerical Continuation Methods*, SIAM (2003), chapters 2 and 3, for
 //! the step of least norm and the orientation.
-//! Measured on towers of 30 … 300 cubes with random velocities, where a third to two thirds of the paths fold: without
-//! these steps 37 to 73 % of the paths arrive, with them 97 to 100 %. Other smoothing of ‖u_t‖, and starting the path
+//! Measured on twenty towers of 300 cubes with random velocities, to 1e-8: without these steps twelve take more than 150
+//! Newton steps and one is not solved, with them three do and all are. Other smoothing of ‖u_t‖, and starting the path
 //! anew from where proximal Newton got to, changed nothing; the same steps on exactly central points stood still.
 
 use super::super::cones::jordan_divide;
