@@ -10,8 +10,10 @@ use super::{View, chain, collinear, inactive, islands, planar, single, spatial, 
 
 /// Contacts, from which on a thread is started: it takes some 30 µs, as long as so many take to be solved.
 const WORTH_A_THREAD: usize = 64;
-/// Parts of fewer contacts are solved together.
+/// Parts of fewer contacts are solved together,
 const SMALL: usize = 32;
+/// until so many have come together.
+const POOL: usize = 128;
 /// A tolerance below the rounding of a residual is never reached.
 const FINEST: f64 = 1e-15;
 
@@ -282,7 +284,7 @@ fn gathered(parts: Vec<Part>) -> Vec<Part> {
             Some(at) => {
                 let pool = &mut result[open[at]];
                 pool.append(part);
-                if pool.friction.len() >= SMALL {
+                if pool.friction.len() >= POOL {
                     open.swap_remove(at);
                 }
             }
