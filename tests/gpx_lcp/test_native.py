@@ -39,7 +39,7 @@ NATIVE = [
     dict(solver="interior_point", formulation="cone"),
     dict(solver="pgs", iterations=20),
     dict(solver="pgs", iterations=20, warm_start=False, relaxation=0.8),
-    dict(solver="pgs", iterations=20, acceleration=True),
+    dict(solver="pgs", iterations=20, acceleration=False),
     dict(solver="pgs", formulation="normal", iterations=20),
     dict(solver="pgs", formulation="cone", iterations=20),
     dict(solver="pgs", formulation="box", iterations=20),

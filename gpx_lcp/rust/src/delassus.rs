@@ -146,12 +146,21 @@ pub trait Delassus<const R: usize>: Sync {
         }
         let friction = problem.friction[i];
         let mut contact = Contact::new(&block, problem.target[i], friction, problem.scale[i]);
-        contact.impulse = if law.contains(friction, start) {
-            *start
-        } else {
-            law.project(friction, start)
-        };
+        contact.impulse = allowed(law, friction, start);
         Some(contact)
+    }
+}
+
+/// The impulse itself where the law allows it, or the nearest one that it allows.
+pub fn allowed<const R: usize, L: Law<R>>(
+    law: &L,
+    friction: f64,
+    impulse: &Vector<R>,
+) -> Vector<R> {
+    if law.contains(friction, impulse) {
+        *impulse
+    } else {
+        law.project(friction, impulse)
     }
 }
 
@@ -160,8 +169,8 @@ pub trait Sweeper<const R: usize> {
     /// How many threads can find work at the same time, at least one.
     fn threads(&self) -> usize;
 
-    /// Take `relaxation` times the exact step at every contact; backward visits them in the opposite order.
-    fn sweep(&mut self, team: &Team, backward: bool, relaxation: f64);
+    /// Take `relaxation` times the exact step at every contact.
+    fn sweep(&mut self, team: &Team, relaxation: f64);
 
     /// ‖d p - P(d p - û)‖, m/s, of the whole problem; also clears the rounding that the changes have left in w = Ĵᵀ p.
     fn residual(&mut self, team: &Team) -> f64;
@@ -169,8 +178,12 @@ pub trait Sweeper<const R: usize> {
     /// The impulses in the order of the system.
     fn impulse(&self) -> Vec<Vector<R>>;
 
-    /// Go on from other impulses, which the law need not allow.
-    fn set(&mut self, impulse: &[Vector<R>], team: &Team);
+    /// Σ d_i (p - y)_i · (p - x)_i, with p the impulses now, y those from which the last sweep started, and x those at the
+    /// last extrapolation.
+    fn agreement(&self) -> f64;
+
+    /// Go on from p + β (p - x), brought to the law.
+    fn extrapolate(&mut self, team: &Team, beta: f64);
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Sweeps on A itself: every contact reads its row of A, one contact after the other in the order of the system.
 
 use crate::contact::{Contact, Law};
-use crate::delassus::{BlockRows, Delassus, Sweeper};
+use crate::delassus::{BlockRows, Delassus, Sweeper, allowed};
 use crate::gauss_seidel::Problem;
 use crate::small_matrix::{Matrix, Vector, dot};
 use crate::team::Team;
@@ -56,6 +56,8 @@ impl<const R: usize> Delassus<R> for Explicit<R> {
             law,
             problem,
             contacts,
+            before: impulse.clone(),
+            start: impulse.clone(),
             impulse,
         }
     }
@@ -75,6 +77,9 @@ struct Rows<'a, const R: usize, L: Law<R>> {
     contacts: Vec<Row<R, L::Local>>,
     /// By number in the system; zero where no impulse moves anything.
     impulse: Vec<Vector<R>>,
+    /// x and y of `Sweeper::agreement`.
+    before: Vec<Vector<R>>,
+    start: Vec<Vector<R>>,
 }
 
 impl<const R: usize, L: Law<R>> Rows<'_, R, L> {
@@ -125,10 +130,9 @@ impl<const R: usize, L: Law<R>> Sweeper<R> for Rows<'_, R, L> {
         1
     }
 
-    fn sweep(&mut self, _team: &Team, backward: bool, relaxation: f64) {
-        let count = self.contacts.len();
-        for k in 0..count {
-            self.visit(if backward { count - 1 - k } else { k }, relaxation);
+    fn sweep(&mut self, _team: &Team, relaxation: f64) {
+        for k in 0..self.contacts.len() {
+            self.visit(k, relaxation);
         }
     }
 
@@ -154,10 +158,30 @@ impl<const R: usize, L: Law<R>> Sweeper<R> for Rows<'_, R, L> {
         self.impulse.clone()
     }
 
-    fn set(&mut self, impulse: &[Vector<R>], _team: &Team) {
+    fn agreement(&self) -> f64 {
+        let mut sum = 0.0;
+        for Row { index, contact, .. } in &self.contacts {
+            let (p, x, y) = (
+                &self.impulse[*index],
+                &self.before[*index],
+                &self.start[*index],
+            );
+            for r in 0..R {
+                sum += contact.scale * (p[r] - y[r]) * (p[r] - x[r]);
+            }
+        }
+        sum
+    }
+
+    fn extrapolate(&mut self, _team: &Team, beta: f64) {
         for Row { index, contact, .. } in &mut self.contacts {
-            contact.impulse = impulse[*index];
+            let p = self.impulse[*index];
+            let x = &self.before[*index];
+            let further = std::array::from_fn(|r| p[r] + beta * (p[r] - x[r]));
+            contact.impulse = allowed(self.law, contact.friction, &further);
+            self.before[*index] = p;
             self.impulse[*index] = contact.impulse;
+            self.start[*index] = contact.impulse;
         }
     }
 }

@@ -9,7 +9,7 @@ use std::ops::Range;
 
 use crate::colouring::{NONE, coloured};
 use crate::contact::{Contact, Law};
-use crate::delassus::{BlockRows, Delassus, Sweeper};
+use crate::delassus::{BlockRows, Delassus, Sweeper, allowed};
 use crate::gauss_seidel::Problem;
 #[cfg(target_arch = "x86_64")]
 use crate::lanes::Fused;
@@ -105,6 +105,8 @@ impl<const R: usize, const D: usize> Delassus<R> for Factored<R, D> {
             colours: Vec::new(),
             states: Vec::new(),
             squares: Vec::new(),
+            before: Vec::new(),
+            start: Vec::new(),
         };
         let mut slots = self.bodies;
         for colour in coloured(&pairs) {
@@ -139,6 +141,9 @@ impl<const R: usize, const D: usize> Delassus<R> for Factored<R, D> {
         sweeper.locals.resize_with(lanes, L::Local::default);
         sweeper.states.resize(slots, State::default());
         sweeper.squares.resize(sweeper.visits.len(), 0.0);
+        let impulses = sweeper.visits.iter().map(|visit| visit.contact.impulse);
+        sweeper.before = impulses.collect();
+        sweeper.start = sweeper.before.clone();
         sweeper
     }
 }
@@ -243,17 +248,23 @@ struct Abreast<'a, const R: usize, const D: usize, L: Law<R>> {
     states: Vec<State>,
     /// Of the natural map, visit by visit, so that their sum does not depend on who found them.
     squares: Vec<f64>,
+    /// x and y of `Sweeper::agreement`, visit by visit.
+    before: Vec<[Quad; R]>,
+    start: Vec<[Quad; R]>,
 }
 
 /// What a team does with all visits.
 #[derive(Clone, Copy)]
 enum Task {
     Sweep {
-        backward: bool,
         relaxation: f64,
     },
     /// Add Ĵᵀ p to the states.
     Gather,
+    /// Go on from p + β (p - x), and add Ĵᵀ times that to the states.
+    Extrapolate {
+        beta: f64,
+    },
     /// Find the squares of the natural map.
     Judge,
 }
@@ -267,6 +278,8 @@ struct Work<'a, const R: usize, const D: usize, L: Law<R>> {
     locals: *mut L::Local,
     states: *mut State,
     squares: *mut f64,
+    before: *mut [Quad; R],
+    start: *mut [Quad; R],
 }
 
 // SAFETY: no batch is in two pieces, batches of one colour share no body (colouring) and no other slot, and a team is done
@@ -283,11 +296,10 @@ impl<const R: usize, const D: usize, L: Law<R>> Abreast<'_, R, D, L> {
             locals: self.locals.as_mut_ptr(),
             states: self.states.as_mut_ptr(),
             squares: self.squares.as_mut_ptr(),
+            before: self.before.as_mut_ptr(),
+            start: self.start.as_mut_ptr(),
         };
-        let backward = matches!(task, Task::Sweep { backward: true, .. });
-        let count = self.colours.len();
-        for k in 0..count {
-            let pieces = &self.colours[if backward { count - 1 - k } else { k }];
+        for pieces in &self.colours {
             team.run(pieces.len(), &|piece| {
                 let batches = pieces[piece].clone();
                 #[cfg(target_arch = "x86_64")]
@@ -298,11 +310,6 @@ impl<const R: usize, const D: usize, L: Law<R>> Abreast<'_, R, D, L> {
                 work.perform::<Portable>(task, batches);
             });
         }
-    }
-
-    fn gather(&mut self, team: &Team) {
-        self.states.fill(State::default());
-        self.perform(Task::Gather, team);
     }
 }
 
@@ -322,19 +329,19 @@ impl<const R: usize, const D: usize, L: Law<R>> Work<'_, R, D, L> {
     fn perform<V: FourLanes>(&self, task: Task, batches: Range<usize>) {
         let batches = &self.batches[batches];
         match task {
-            Task::Sweep {
-                backward,
-                relaxation,
-            } => {
-                let count = batches.len();
-                for b in 0..count {
-                    let batch = &batches[if backward { count - 1 - b } else { b }];
-                    self.visit::<V>(batch, backward, relaxation);
+            Task::Sweep { relaxation } => {
+                for batch in batches {
+                    self.visit::<V>(batch, relaxation);
                 }
             }
             Task::Gather => {
                 for batch in batches {
                     self.gather::<V>(batch);
+                }
+            }
+            Task::Extrapolate { beta } => {
+                for batch in batches {
+                    self.extrapolate::<V>(batch, beta);
                 }
             }
             Task::Judge => {
@@ -346,15 +353,9 @@ impl<const R: usize, const D: usize, L: Law<R>> Work<'_, R, D, L> {
     }
 
     #[inline(always)]
-    fn visit<V: FourLanes>(&self, batch: &Batch, backward: bool, relaxation: f64) {
+    fn visit<V: FourLanes>(&self, batch: &Batch, relaxation: f64) {
         let mut states = self.load::<V>(batch);
-        let count = batch.visits.len();
-        for k in 0..count {
-            let at = if backward {
-                batch.visits.end - 1 - k
-            } else {
-                batch.visits.start + k
-            };
+        for at in batch.visits.clone() {
             // SAFETY: visits and locals of this batch are this thread's.
             let visit = unsafe { &mut *self.visits.add(at) };
             let locals = unsafe { std::slice::from_raw_parts_mut(self.locals.add(4 * at), 4) };
@@ -378,6 +379,42 @@ impl<const R: usize, const D: usize, L: Law<R>> Work<'_, R, D, L> {
                 impulse[r] = V::load(&visit.contact.impulse[r]);
             }
             visit.add(&impulse, &mut states);
+        }
+        self.store(batch, &states);
+    }
+
+    #[inline(always)]
+    fn extrapolate<V: FourLanes>(&self, batch: &Batch, beta: f64) {
+        let mut states = self.load::<V>(batch);
+        for at in batch.visits.clone() {
+            // SAFETY: as above, and so are the entries of `before` and `start`.
+            let visit = unsafe { &mut *self.visits.add(at) };
+            let before = unsafe { &mut *self.before.add(at) };
+            let contact = &mut visit.contact;
+            let mut further = [V::splat(0.0); R];
+            for r in 0..R {
+                let p = V::load(&contact.impulse[r]);
+                further[r] = p.plus_product(V::splat(beta), p - V::load(&before[r]));
+            }
+            *before = contact.impulse;
+            for r in 0..R {
+                further[r].store(&mut contact.impulse[r]);
+            }
+            let inside = self.law.contains(V::load(&contact.friction), &further);
+            if !V::all(inside) {
+                for lane in 0..4 {
+                    let friction = contact.friction.0[lane];
+                    let impulse = allowed(self.law, friction, &contact.impulse_in(lane));
+                    for r in 0..R {
+                        contact.impulse[r].0[lane] = impulse[r];
+                    }
+                }
+                for r in 0..R {
+                    further[r] = V::load(&contact.impulse[r]);
+                }
+            }
+            unsafe { *self.start.add(at) = contact.impulse };
+            visit.add(&further, &mut states);
         }
         self.store(batch, &states);
     }
@@ -452,18 +489,13 @@ impl<const R: usize, const D: usize, L: Law<R>> Sweeper<R> for Abreast<'_, R, D,
         self.colours.iter().map(Vec::len).max().unwrap_or(1)
     }
 
-    fn sweep(&mut self, team: &Team, backward: bool, relaxation: f64) {
-        self.perform(
-            Task::Sweep {
-                backward,
-                relaxation,
-            },
-            team,
-        );
+    fn sweep(&mut self, team: &Team, relaxation: f64) {
+        self.perform(Task::Sweep { relaxation }, team);
     }
 
     fn residual(&mut self, team: &Team) -> f64 {
-        self.gather(team);
+        self.states.fill(State::default());
+        self.perform(Task::Gather, team);
         self.perform(Task::Judge, team);
         (self.locked + self.squares.iter().sum::<f64>()).sqrt()
     }
@@ -478,14 +510,24 @@ impl<const R: usize, const D: usize, L: Law<R>> Sweeper<R> for Abreast<'_, R, D,
         impulse
     }
 
-    fn set(&mut self, impulse: &[Vector<R>], team: &Team) {
-        for (visit, contacts) in self.visits.iter_mut().zip(&self.contacts) {
-            for lane in (0..4).filter(|&lane| contacts[lane] != NONE) {
-                for r in 0..R {
-                    visit.contact.impulse[r].0[lane] = impulse[contacts[lane] as usize][r];
+    fn agreement(&self) -> f64 {
+        let mut sums = [0.0; 4];
+        let starts = self.before.iter().zip(&self.start);
+        for (visit, (before, start)) in self.visits.iter().zip(starts) {
+            let contact = &visit.contact;
+            for r in 0..R {
+                for lane in 0..4 {
+                    let p = contact.impulse[r].0[lane];
+                    let (step, way) = (p - start[r].0[lane], p - before[r].0[lane]);
+                    sums[lane] += contact.scale.0[lane] * step * way;
                 }
             }
         }
-        self.gather(team);
+        sums.iter().sum()
+    }
+
+    fn extrapolate(&mut self, team: &Team, beta: f64) {
+        self.states.fill(State::default());
+        self.perform(Task::Extrapolate { beta }, team);
     }
 }
