@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
+from numpy.linalg import norm
 
 from formulations import StackedSystem
 from formulations.checks import Array
@@ -17,7 +18,7 @@ from formulations.system import SMALL, Matrix
 from gpx_lcp.solution import Solution
 from gpx_lcp.solve import solve
 
-# Closing speeds below this share of the fastest contact are rounding.
+# Closing speeds below this share of the fastest contact are rounding, however tightly the programs are solved.
 ROUNDING: Final = 1e-13
 
 
@@ -63,8 +64,8 @@ class Collision:
 
     @property
     def rounding(self) -> float:
-        """The speed that is rounding, m/s."""
-        return ROUNDING * float(np.abs(self.before).max(initial=0.0))
+        """The speed that is rounding, m/s: what the programs, solved to the tolerance, may leave."""
+        return max(ROUNDING * float(np.abs(self.before).max(initial=0.0)), self.tolerance * float(norm(self.before)))
 
     def apply(self, impulse: Array) -> Array:
         """Return A p as (n, rows)."""

@@ -223,7 +223,7 @@ def test_sequential_says_when_it_is_cut_short(monkeypatch):
     monkeypatch.setattr("gpx_lcp.impact_laws.sequential.PASSES", 2)
     found = gpx.impact(gpx.scenes.cradle(5), "sequential")
     assert found.status is gpx.Status.MAX_ITERATIONS
-    assert np.diff(found.velocities[:, 0]).min() > -1e-12
+    assert np.diff(found.velocities[:, 0]).min() > -1e-10  # as tightly as its programs are solved
 
 
 def test_energy_safe_that_does_not_end_falls_back_to_the_scaled_plastic_impulses(monkeypatch):
