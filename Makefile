@@ -1,11 +1,11 @@
-# Two commands do everything: `make compare` and `make test`. Both set up .venv first, once.
+# `make compare`, `make report` and `make test` do everything. Each sets up .venv first, once.
 
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.ready
 SOURCES := pyproject.toml Cargo.toml Cargo.lock $(shell find gpx_lcp/rust -name '*.rs' -o -name 'Cargo.toml')
 
-.PHONY: setup compare test check clean
+.PHONY: setup compare report pictures test check clean
 
 setup: $(STAMP)
 
@@ -18,6 +18,17 @@ $(STAMP): $(SOURCES)
 
 compare: setup
 	$(BIN)/python -m benchmarks run stacks $(ARGUMENTS)
+
+# Every suite, and one page about all of them: results/report.html.
+report: compare
+	for suite in fclib impacts presolve overhead; do $(BIN)/python -m benchmarks run $$suite || exit $$?; done
+	$(BIN)/python -m benchmarks check results/stacks results/fclib results/impacts results/presolve
+	$(BIN)/python -m benchmarks report results/stacks results/fclib results/impacts results/presolve results/overhead
+
+# The picture of README.md, from the rows in results/stacks.
+pictures:
+	cp results/stacks/speed-accuracy-cold.png benchmarks/pictures/speed-accuracy.png
+	cp results/stacks/speed-accuracy-cold.svg benchmarks/pictures/speed-accuracy.svg
 
 test: setup
 	$(BIN)/python -m pytest

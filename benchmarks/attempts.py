@@ -120,6 +120,8 @@ class Outcome:
     status : str
         The solver's own word.
     bodies, contacts : int or None
+    steps, steps_asked : int
+        Time steps made, unless given one for each timed call, and asked for.
     iterations, factorisations : float or None
         Mean per step.
     certificate : Certificate or None
@@ -144,6 +146,7 @@ class Outcome:
     fallbacks: Sequence[str] = ()
     bodies: int | None = None
     contacts: int | None = None
+    steps: int | None = None
     steps_asked: int = 1
     iterations: float | None = None
     factorisations: float | None = None
@@ -163,7 +166,7 @@ class Bench(Protocol):
         Parameters
         ----------
         first : bool
-            Only the first trial of an attempt is judged; what the others find is not looked at, but for their times.
+            Only the first trial of an attempt is judged; of the others nothing is looked at but their times.
         seconds_left : float, s
             Of the attempt's time.
 
@@ -234,5 +237,5 @@ class Suite(Protocol):
     def tables(self, records: Sequence[Record], folder: Path) -> Sequence[Table | Text]:
         """Return the tables of all rows."""
 
-    def draw(self, records: Sequence[Record], folder: Path, footer: str) -> Sequence[Path]:
-        """Write the charts of all rows to `folder` and return their paths."""
+    def draw(self, records: Sequence[Record], folder: Path, out: Path, footer: str) -> Sequence[Path]:
+        """Write the charts of all rows to `out`, each as PNG and SVG, and return their paths."""

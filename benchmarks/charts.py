@@ -23,7 +23,7 @@ from benchmarks.drawing import (
     title_panel,
 )
 from benchmarks.engines import OWN
-from benchmarks.rows import Row
+from benchmarks.records import Record
 from benchmarks.style import PALETTE, QUIET, SOLVERS, house_style
 
 
@@ -48,9 +48,9 @@ class Axis:
     floor: float
     ceiling: float
 
-    def value(self, row: Row) -> float:
+    def value(self, row: Record) -> float:
         """Return the row's measure, moved inside the range."""
-        return min(max(float(getattr(row, self.measure)), self.floor), self.ceiling)
+        return min(max(row.figure(self.measure) or 0.0, self.floor), self.ceiling)
 
 
 LOAD = "load error: worst |force across a cut / weight above it − 1|"
@@ -91,19 +91,19 @@ SHAPES: Mapping[str, str] = {"coulomb": "o", "cone": "^", "pyramid": "D", "box":
 SHAPE_LABELS: Mapping[str, str] = {"normal": "normal: no friction,\nnot in the front"}
 
 
-def look_of(row: Row) -> Look:
+def look_of(row: Record) -> Look:
     """Return how the row is drawn."""
     return LOOKS.get(row.solver, OTHER_BACKEND) if row.engine == OWN else PEER_LOOKS[row.engine]
 
 
 def speed_accuracy(
-    rows: Sequence[Row], axis: Axis, titles: Mapping[str, str], heading: str, footer: str, stem: Path
+    rows: Sequence[Record], axis: Axis, titles: Mapping[str, str], heading: str, footer: str, stem: Path
 ) -> list[Path]:
     """Draw step time against error, one panel per scene, and write stem.png and stem.svg.
 
     Parameters
     ----------
-    rows : sequence of Row
+    rows : sequence of Record
         Rows without a measured step, of another case, or with fewer steps than the others are left out.
     axis : Axis
         One of `AXES`.
@@ -137,7 +137,7 @@ def speed_accuracy(
         return save(figure, stem)
 
 
-def _panel(ax: Axes, rows: Sequence[Row], axis: Axis) -> None:
+def _panel(ax: Axes, rows: Sequence[Record], axis: Axis) -> None:
     draw_front(ax, ((float(row.step_ms or 0.0), axis.value(row)) for row in rows if not row.frictionless))
     own = [row for row in rows if row.engine == OWN]
     for line in dict.fromkeys(row.line for row in own):
@@ -176,7 +176,7 @@ def _panel(ax: Axes, rows: Sequence[Row], axis: Axis) -> None:
     ax.set_ylim(axis.floor / 3, 3 * axis.ceiling)
 
 
-def _legend(figure: matplotlib.figure.FigureBase, rows: Sequence[Row]) -> None:
+def _legend(figure: matplotlib.figure.FigureBase, rows: Sequence[Record]) -> None:
     """Draw the legends beside the panels: colour says the solver, shape says the program it solves."""
     present = dict.fromkeys(look_of(row) for row in rows)
     own = [look for look in [*LOOKS.values(), OTHER_BACKEND] if look in present]

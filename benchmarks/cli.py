@@ -6,95 +6,76 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any
 
 from rich.console import Console
 from rich.text import Text
 
 import gpx_lcp as gpx
-from benchmarks import stacks, store
-from benchmarks.arguments import positive, seconds
-from benchmarks.command import Request, Results, list_all, run_stacks
-from benchmarks.engines import ENGINES, PEERS
-from benchmarks.exit_codes import FAILED, INTERRUPTED, OK, REFUSED, USAGE
-from benchmarks.exit_codes import TEXT as EXIT_CODES
+from benchmarks import exit_codes, store
 from benchmarks.suites import SUITES
+from benchmarks.verbs.check import check
+from benchmarks.verbs.compare import compare
+from benchmarks.verbs.list_all import list_all
+from benchmarks.verbs.plot import plot
+from benchmarks.verbs.report import report
 from benchmarks.verbs.run import run
 
-Suites: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
-
 # With --resume, the arguments that may differ from those of the run that is gone on with.
-NOT_KEPT = ("resume", "out")
+NOT_KEPT = ("resume", "out", "scheduler")
 
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
+    shape: dict[str, Any] = {
+        "epilog": exit_codes.TEXT,
+        "formatter_class": argparse.RawDescriptionHelpFormatter,
+    }
     top = argparse.ArgumentParser(
         prog="python -m benchmarks",
         description="Compare contact solvers: speed against accuracy, measured from outside.",
-        epilog=EXIT_CODES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        **shape,
     )
     verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
     verbs.add_parser("list", help="suites, scenes, solvers and peers; what is installed and how to get the rest")
-    run = verbs.add_parser(
-        "run", help="run a suite", epilog=EXIT_CODES, formatter_class=argparse.RawDescriptionHelpFormatter
+    suites = verbs.add_parser("run", help="run a suite", **shape).add_subparsers(
+        dest="suite", required=True, metavar="SUITE"
     )
-    suites = run.add_subparsers(dest="suite", required=True, metavar="SUITE")
-    _add_stacks(suites)
-    for name, row in SUITES.items():
-        suite = suites.add_parser(
-            name, help=row.summary, epilog=EXIT_CODES, formatter_class=argparse.RawDescriptionHelpFormatter
-        )
-        row.add_arguments(suite)
-        suite.add_argument(
+    for name, suite in SUITES.items():
+        own = suites.add_parser(name, help=suite.summary, **shape)
+        suite.add_arguments(own)
+        own.add_argument(
             "--out", type=Path, default=Path("results"), metavar="DIR", help=f"results go to DIR/{name} (results)"
         )
-        suite.add_argument(
+        own.add_argument(
             "--resume",
             action="store_true",
             help="go on with the run in DIR, with what it was asked: only attempts without a finished row are made",
         )
+        own.add_argument(
+            "--scheduler",
+            metavar="WHERE",
+            help="measure on a Dask cluster: 'local', or the address of a scheduler whose workers have one thread each",
+        )
+    plotting = verbs.add_parser("plot", help="draw the charts of stored rows again", **shape)
+    _add_folders(plotting)
+    plotting.add_argument("--out", type=Path, metavar="DIR", help="charts go to DIR/SUITE (where the rows are)")
+    reporting = verbs.add_parser("report", help="one HTML page of stored rows, and a Markdown twin", **shape)
+    _add_folders(reporting)
+    reporting.add_argument(
+        "--out", type=Path, default=Path("results"), metavar="DIR", help="report.html and report.md go to DIR (results)"
+    )
+    comparing = verbs.add_parser("compare", help="what got faster, slower, better or worse from A to B", **shape)
+    for name in "AB":
+        comparing.add_argument(name.lower(), type=Path, metavar=name, help="a folder of results, e.g. results/stacks")
+    _add_folders(verbs.add_parser("check", help="certify the stored impulses again", **shape))
     return top
 
 
-def _add_suite(suites: Suites, name: str, summary: str) -> argparse.ArgumentParser:
-    """Add a suite with the arguments that all have."""
-    suite = suites.add_parser(
-        name, help=summary, epilog=EXIT_CODES, formatter_class=argparse.RawDescriptionHelpFormatter
+def _add_folders(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument(
+        "folder", type=Path, nargs="+", help="results of a suite, e.g. results/stacks; those of several runs are merged"
     )
-    suite.add_argument("--solver", action="append", metavar="NAME", help="only this solver (may be repeated)")
-    suite.add_argument("--formulation", action="append", metavar="NAME", help="only this formulation")
-    suite.add_argument(
-        "--out", type=Path, default=Path("results"), metavar="DIR", help=f"results go to DIR/{name} (results)"
-    )
-    return suite
-
-
-def _add_stacks(suites: Suites) -> None:
-    suite = _add_suite(suites, stacks.NAME, "resting stacks, by gpx-lcp and its peers, as simulations")
-    suite.add_argument(
-        "--scene",
-        action="append",
-        choices=list(stacks.SCENES),
-        help="only this scene (repeatable); the large ones run only where they are named",
-    )
-    suite.add_argument(
-        "--peer", action="append", choices=[*PEERS, "none"], help="only this peer; 'none' for gpx-lcp alone"
-    )
-    suite.add_argument(
-        "--repeats", type=positive, metavar="N", help="fresh simulations per setting, interleaved (3; quick: 2)"
-    )
-    suite.add_argument(
-        "--steps", type=positive, metavar="N", help="warm steps after the cold first one (240; quick: 20)"
-    )
-    suite.add_argument(
-        "--time-limit", type=seconds, metavar="S", help="per setting and scene, all repeats (1; quick: 0.3)"
-    )
-    suite.add_argument(
-        "--picture", type=Path, metavar="PATH", help="also write the cold-start chart to PATH.png and PATH.svg"
-    )
-    suite.add_argument("--quick", action="store_true", help="few scenes and settings, to see that everything works")
 
 
 def main(arguments: Sequence[str] | None = None, console: Console | None = None) -> int:
@@ -102,43 +83,34 @@ def main(arguments: Sequence[str] | None = None, console: Console | None = None)
     given = sys.argv[1:] if arguments is None else list(arguments)
     asked = parser().parse_args(given)
     console = console or _console()
+    try:
+        return _do(asked, given, console)
+    except gpx.SettingsError as error:
+        console.print(Text.assemble(("not understood: ", "bold red"), str(error)))
+        return exit_codes.USAGE
+    except gpx.BackendMissing as error:
+        console.print(Text.assemble(("refused: ", "bold red"), str(error)))
+        return exit_codes.REFUSED
+
+
+def _do(asked: argparse.Namespace, given: Sequence[str], console: Console) -> int:
     if asked.verb == "list":
-        list_all(console)
-        return OK
+        return list_all(console)
+    if asked.verb == "plot":
+        return plot(asked.folder, asked.out, console)
+    if asked.verb == "report":
+        return report(asked.folder, asked.out, console)
+    if asked.verb == "compare":
+        return compare(asked.a, asked.b, console)
+    if asked.verb == "check":
+        return check(asked.folder, console)
     if gpx.BUILD_PROFILE == "debug":
         console.print(
             "[bold red]refused:[/] gpx_lcp._core is a debug build, whose times mean nothing. "
             "Install a release build: [bold]make setup[/], or pip install --editable '.\\[bench]'."
         )
-        return REFUSED
-    try:
-        if asked.suite in SUITES:
-            return run(SUITES[asked.suite], _resumed(asked), given, console)
-        results = _run_stacks(asked, console)
-    except gpx.SettingsError as error:
-        console.print(Text.assemble(("not understood: ", "bold red"), str(error)))
-        return USAGE
-    if results is None:
-        return REFUSED
-    if results.interrupted:
-        return INTERRUPTED
-    return FAILED if results.errors else OK
-
-
-def _run_stacks(asked: argparse.Namespace, console: Console) -> Results | None:
-    request = Request(
-        scenes=tuple(asked.scene or (stacks.QUICK_SCENES if asked.quick else stacks.USUAL_SCENES)),
-        solvers=_chosen(asked.solver),
-        formulations=_chosen(asked.formulation),
-        engines=_engines(asked.peer),
-        repeats=asked.repeats or (2 if asked.quick else 3),
-        steps=asked.steps or (20 if asked.quick else 240),
-        time_limit=asked.time_limit or (0.3 if asked.quick else 1.0),
-        quick=asked.quick,
-        out=asked.out / stacks.NAME,
-        picture=asked.picture,
-    )
-    return run_stacks(request, console)
+        return exit_codes.REFUSED
+    return run(SUITES[asked.suite], _resumed(asked), given, console)
 
 
 def _resumed(asked: argparse.Namespace) -> argparse.Namespace:
@@ -166,13 +138,3 @@ def _console() -> Console:
     """Return the terminal, or a wide page where the output goes to a file or a pipe."""
     console = Console(highlight=False)
     return console if console.is_terminal else Console(highlight=False, width=140)
-
-
-def _chosen(names: Sequence[str] | None) -> frozenset[str] | None:
-    return None if names is None else frozenset(names)
-
-
-def _engines(peers: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the engines to run: gpx-lcp always, and the peers asked for."""
-    wanted = set(PEERS if peers is None else peers)
-    return tuple(name for name in ENGINES if name not in PEERS or name in wanted)

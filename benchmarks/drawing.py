@@ -16,6 +16,9 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from benchmarks.style import FRONT, INK, QUIET
 
+# Of a figure, inches.
+LEAST_HEIGHT = 6.9
+
 # A line of a legend: what is drawn, and what it means.
 Entry = tuple[Artist, str]
 
@@ -29,18 +32,22 @@ def pareto_front(points: Iterable[tuple[float, float]]) -> list[tuple[float, flo
     return front
 
 
-def panel_grid(count: int, width: float = 4.1, height: float = 3.6) -> tuple[Figure, SubFigure, SubFigure, list[Axes]]:
+def panel_grid(
+    count: int, width: float = 4.1, height: float = 3.6, shared: bool = True
+) -> tuple[Figure, SubFigure, SubFigure, list[Axes]]:
     """Return a figure, its part for the panels, its part for the legend, and `count` panels, three in a row at most.
 
-    A panel is `width` by `height` inches; all share their axes.
+    A panel is `width` by `height` inches; all share their axes, unless told otherwise.
     """
     columns = min(3, count)
     lines = -(-count // columns)
     # With air below the heading and between the panels.
     layout = ConstrainedLayoutEngine(h_pad=0.11, w_pad=0.09)
-    figure = Figure(figsize=(width * columns + 3.3, height * lines + 1.9), layout=layout)
+    # The legend, and the label beside a single row of panels, need some height of their own.
+    size = (width * columns + 3.3, max(height * lines + 1.9, LEAST_HEIGHT))
+    figure = Figure(figsize=size, layout=layout)
     panels, legend = figure.subfigures(1, 2, squeeze=False, width_ratios=(width * columns, 3.1))[0]
-    axes = list(panels.subplots(lines, columns, squeeze=False, sharey=True, sharex=True).flat)
+    axes = list(panels.subplots(lines, columns, squeeze=False, sharey=shared, sharex=shared).flat)
     for ax in axes[count:]:
         ax.set_visible(False)
     return figure, panels, legend, axes[:count]

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from benchmarks.engines import OWN
-from benchmarks.rows import Row
+from benchmarks.records import Record
 
 BOUNDS = (1e-2, 1e-4, 1e-8)
 COLD_BOUND = 1e-10
@@ -28,14 +28,14 @@ class Ratio:
 
     Parameters
     ----------
-    own, peer : Row or None
+    own, peer : Record or None
         None where no setting meets the bound.
     unfinished : int
         How many of the peers' settings that might have met it were stopped by the time limit.
     """
 
-    own: Row | None
-    peer: Row | None
+    own: Record | None
+    peer: Record | None
     unfinished: int = 0
 
     @property
@@ -46,11 +46,11 @@ class Ratio:
         return _ms(self.own) / _ms(self.peer)
 
 
-def standing(rows: Sequence[Row], scene: str, bound: float) -> Ratio:
+def standing(rows: Sequence[Record], scene: str, bound: float) -> Ratio:
     """Return the ratio of the settled steps of a scene at a bound."""
     here = _ranked(rows, scene, "stepped")
 
-    def meets(row: Row) -> bool:
+    def meets(row: Record) -> bool:
         return not row.cut_short and _error(row) <= bound and _stands(row)
 
     return Ratio(
@@ -60,13 +60,13 @@ def standing(rows: Sequence[Row], scene: str, bound: float) -> Ratio:
     )
 
 
-def cold(rows: Sequence[Row], scene: str) -> Ratio:
+def cold(rows: Sequence[Record], scene: str) -> Ratio:
     """Return the ratio of our exact first step (1e-10) to pybullet's with its usual 50 sweeps, whatever its error."""
     here = _ranked(rows, scene, "cold")
     return Ratio(_fastest(here, lambda row: row.engine == OWN and _error(row) <= COLD_BOUND), _fastest(here, _usual))
 
 
-def moving(rows: Sequence[Row], scene: str) -> Ratio:
+def moving(rows: Sequence[Record], scene: str) -> Ratio:
     """Return the ratio of our fastest step that is no less accurate than pybullet's usual one, by the certificate."""
     here = [row for row in _ranked(rows, scene, "stepped") if not row.cut_short]
     usual = _fastest(here, _usual)
@@ -75,32 +75,28 @@ def moving(rows: Sequence[Row], scene: str) -> Ratio:
     return Ratio(own, usual)
 
 
-def _ranked(rows: Sequence[Row], scene: str, case: str) -> list[Row]:
+def _ranked(rows: Sequence[Record], scene: str, case: str) -> list[Record]:
     return [row for row in rows if row.scene == scene and row.case == case and row.measured and not row.frictionless]
 
 
-def _usual(row: Row) -> bool:
+def _usual(row: Record) -> bool:
     return (row.engine, row.solver, row.setting) == (USUAL_PEER, USUAL_SOLVER, USUAL_SETTING)
 
 
-def _error(row: Row) -> float:
-    errors = (row.load_error, row.body_error)
+def _error(row: Record) -> float:
+    errors = (row.figure("load_error"), row.figure("body_error"))
     return max(float("inf") if error is None else error for error in errors)
 
 
-def _stands(row: Row) -> bool:
-    return (
-        row.penetration is not None
-        and row.drift is not None
-        and row.penetration < PENETRATION_LIMIT
-        and row.drift < DRIFT_LIMIT
-    )
+def _stands(row: Record) -> bool:
+    limits = {"penetration": PENETRATION_LIMIT, "drift": DRIFT_LIMIT}
+    return all((value := row.figure(name)) is not None and value < limit for name, limit in limits.items())
 
 
-def _fastest(rows: Sequence[Row], wanted: Callable[[Row], bool]) -> Row | None:
+def _fastest(rows: Sequence[Record], wanted: Callable[[Record], bool]) -> Record | None:
     return min(filter(wanted, rows), key=_ms, default=None)
 
 
-def _ms(row: Row) -> float:
+def _ms(row: Record) -> float:
     assert row.step_ms is not None  # _ranked takes measured rows only
     return row.step_ms

@@ -33,11 +33,11 @@ class Record:
     reached : bool or None
         Whether what was asked for was reached, judged from outside.
     repeats : int
-        Trials made.
+        Trials made. Of several the first is judged, and the others are timed.
     step_seconds : float, s
-        Wall time of the timed call from outside: median over trials of each step, then the mean over the steps.
+        Wall time of the timed call from outside: median over the timed trials of each step, then the mean over steps.
     setup_seconds, solve_seconds : float, s
-        Parts of it as the solver reports them, medians over trials; None where it does not.
+        Parts of it as the solver reports them, medians over trials that tell; None where none does.
     ..._low, ..._high : float, s
         The same from the fastest and the slowest trial: the noise.
     iterations, factorisations : float
@@ -119,6 +119,21 @@ class Record:
     def natural_map(self) -> float | None:
         """The natural map of the certificate."""
         return self.certificate.get("natural_map")
+
+    @property
+    def step_ms(self) -> float | None:
+        """`step_seconds` in milliseconds."""
+        return None if self.step_seconds is None else 1e3 * self.step_seconds
+
+    @property
+    def cut_short(self) -> bool:
+        """Whether the time limit ended the simulation before it was settled."""
+        return self.measured and self.steps < self.steps_asked
+
+    @property
+    def frictionless(self) -> bool:
+        """Whether the program leaves friction out: an easier question, not to be ranked with the others."""
+        return self.formulation == "normal"
 
     @property
     def line(self) -> tuple[str, str, str]:

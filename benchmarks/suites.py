@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from benchmarks.attempts import Suite
 from benchmarks.fclib.suite import Fclib
 from benchmarks.impacts.suite import Impacts
+from benchmarks.overhead import Overhead
 from benchmarks.presolve.suite import Presolve
+from benchmarks.stacks_suite import Stacks
 
-SUITES: Mapping[str, Suite] = {suite.name: suite for suite in (Fclib(), Impacts(), Presolve())}
+SUITES: Mapping[str, Suite] = {suite.name: suite for suite in (Stacks(), Fclib(), Impacts(), Presolve(), Overhead())}

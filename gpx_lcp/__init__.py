@@ -13,6 +13,7 @@ from formulations import (
 from gpx_lcp import scenes
 from gpx_lcp._core import BUILD_PROFILE
 from gpx_lcp.contacts import Contacts
+from gpx_lcp.ensemble import ensemble
 from gpx_lcp.errors import BackendError, BackendMissing, GpxLcpError, ProblemError, SettingsError
 from gpx_lcp.fclib import FclibProblem, read_fclib, write_fclib
 from gpx_lcp.impact import impact
@@ -60,6 +61,7 @@ __all__ = [
     "Status",
     "World",
     "certify",
+    "ensemble",
     "impact",
     "minimum_norm",
     "presolve",

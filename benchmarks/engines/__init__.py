@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from benchmarks.attempts import OWN
 from benchmarks.engines.dart import Dart
 from benchmarks.engines.drake import Drake
 from benchmarks.engines.gpx import GpxLcp
@@ -13,10 +14,10 @@ from benchmarks.engines.pybullet import PyBullet
 from benchmarks.engines.rapier import Rapier
 from benchmarks.interface import Engine
 
-OWN = "gpx-lcp"
-
 ENGINES: Mapping[str, Engine] = {
     engine.name: engine for engine in (GpxLcp(), PyBullet(), MuJoCo(), Rapier(), Dart(), Drake(), Pinocchio())
 }
+
+__all__ = ["ENGINES", "OWN", "PEERS"]
 
 PEERS = tuple(name for name in ENGINES if name != OWN)

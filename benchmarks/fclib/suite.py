@@ -116,7 +116,7 @@ class Fclib:
             shown.append(Text(_of_baseline(scores.baseline.name), style="dim"))
         return shown
 
-    def draw(self, records: Sequence[Record], folder: Path, footer: str) -> Sequence[Path]:
+    def draw(self, records: Sequence[Record], folder: Path, out: Path, footer: str) -> Sequence[Path]:
         """Draw time against accuracy, and a performance profile at each tolerance."""
         scores = _scores(records, folder)
         if not scores.subjects:
@@ -124,9 +124,9 @@ class Fclib:
         footer = f"{footer}, cold starts, time limit {scores.time_limit:g} s, success judged by the certificate"
         if scores.baseline:
             footer += f"\n{_of_baseline(scores.baseline.name)}"
-        paths = accuracy_chart(scores, footer, folder / "speed-accuracy")
+        paths = accuracy_chart(scores, footer, out / "speed-accuracy")
         for tolerance in scores.tolerances:
-            paths += profile_chart(scores, tolerance, footer, folder / f"profile-{scientific(tolerance)}")
+            paths += profile_chart(scores, tolerance, footer, out / f"profile-{scientific(tolerance)}")
         return paths
 
 

@@ -14,7 +14,7 @@ from benchmarks.fclib.profiles import shifted_mean
 from benchmarks.fclib.scores import LARGE, Scores, Subject, against_baseline, line_of, name_of
 from benchmarks.interface import scientific
 from benchmarks.records import Record
-from benchmarks.report import new_table
+from benchmarks.tables import new_table
 
 # Added to every time before the geometric mean, s: what a call costs anyway should not decide.
 SHIFT = 1e-4

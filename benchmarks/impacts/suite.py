@@ -17,7 +17,7 @@ from benchmarks.arguments import chosen
 from benchmarks.attempts import COLD, Answer, Attempt, Outcome
 from benchmarks.impacts.cases import CASES
 from benchmarks.records import Record
-from benchmarks.report import new_table
+from benchmarks.tables import new_table
 
 NAME = "impacts"
 PAGE = "impact-laws.md"
@@ -106,9 +106,9 @@ class Impacts:
             table.add_row(CASES[name].title, CASES[name].known, *cells)
         return [table]
 
-    def draw(self, records: Sequence[Record], folder: Path, footer: str) -> Sequence[Path]:
+    def draw(self, records: Sequence[Record], folder: Path, out: Path, footer: str) -> Sequence[Path]:
         """Write the page: what the laws promise, and the table."""
-        path = folder / PAGE
+        path = out / PAGE
         path.write_text(page(records, self.not_shown), encoding="utf-8")
         return [path]
 

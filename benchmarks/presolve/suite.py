@@ -18,8 +18,8 @@ from benchmarks.drawing import save
 from benchmarks.presolve.batches import AS_ASKED, NAME, REDUCED, STEPPED, THREADED, SceneBatch, scene_batch
 from benchmarks.presolve.scenes import QUICK, SCENES
 from benchmarks.records import Record
-from benchmarks.report import new_table
 from benchmarks.style import INK, PALETTE, QUIET, house_style
+from benchmarks.tables import new_table
 
 SOLVERS = ("newton",)
 REPEATS, QUICK_REPEATS = 5, 2
@@ -93,13 +93,13 @@ class Presolve:
             )
         return [table]
 
-    def draw(self, records: Sequence[Record], folder: Path, footer: str) -> Sequence[Path]:
+    def draw(self, records: Sequence[Record], folder: Path, out: Path, footer: str) -> Sequence[Path]:
         """Draw the gain of each scene as bars."""
         found = pairs(records)
         if not found:
             return []
         with house_style():
-            return _chart(found, footer, folder / "gain")
+            return _chart(found, footer, out / "gain")
 
 
 def pairs(records: Sequence[Record]) -> list[tuple[Record, Record]]:

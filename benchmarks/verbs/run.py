@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from rich.text import Text
 
 from benchmarks import exit_codes, machine, store
 from benchmarks.attempts import Batch, Suite
+from benchmarks.cluster import measure_on
 from benchmarks.measuring import Measured, measure, not_measured
 from benchmarks.pages import Pages
 from benchmarks.records import Record
@@ -55,6 +56,9 @@ def run(suite: Suite, asked: argparse.Namespace, arguments: Sequence[str], conso
         console.print("[red]nothing to run:[/] nothing that is installed has such a name and formulation; see `list`.")
         return exit_codes.REFUSED
     known = store.read(path) if asked.resume and (path / store.ROWS).exists() else []
+    keys = {attempt.key for batch in wanted for attempt in batch.attempts}
+    # An unfinished row that nobody wants is that of a peer which is there by now.
+    known = [record for record in known if record.finished or record.attempt_key in keys]
     state = Run(suite, store.Folder(path, known), Pages(console))
     if not asked.resume:
         store.write_asked(path, {"arguments": list(arguments)})
@@ -62,14 +66,14 @@ def run(suite: Suite, asked: argparse.Namespace, arguments: Sequence[str], conso
     if asked.resume:
         left, total = (sum(len(batch.attempts) for batch in batches) for batches in (missing, wanted))
         console.print(f"{total - left} of {total} attempts are there; {left} are left")
-    _measure(state, missing)
+    _measure(state, missing, asked.scheduler)
     records = state.folder.records
     footer = version_line(records)
     shown = [*suite.tables(records, path), Text(footer, style="dim"), Text(suite.not_shown, style="dim")]
     for what in shown:
         state.pages.show(what)
     state.pages.write(path / "tables.txt")
-    written = [path / store.ROWS, path / "rows.csv", path / "tables.txt", *suite.draw(records, path, footer)]
+    written = [path / store.ROWS, path / "rows.csv", path / "tables.txt", *suite.draw(records, path, path, footer)]
     console.print("written: " + ", ".join(map(str, written)), soft_wrap=True)
     if state.interrupted:
         console.print("[yellow]stopped by Ctrl-C: rows that were not measured say so, and --resume measures them.[/]")
@@ -88,20 +92,24 @@ def _missing(wanted: Sequence[Batch], known: Sequence[Record]) -> list[Batch]:
     return [batch.only(attempts) for batch, attempts in left if attempts]
 
 
-def _measure(state: Run, batches: Sequence[Batch]) -> None:
+def _measure(state: Run, batches: Sequence[Batch], scheduler: str | None) -> None:
     """Measure batch by batch, each stored as it is done; Ctrl-C ends it early, and the rest is listed as left out."""
-    done = 0
+    left = {id(batch): batch for batch in batches}
     with state.pages.progress(sum(len(batch.attempts) * batch.repeats for batch in batches)) as advance:
         try:
-            for batch in batches:
-                measured = measure(batch, advance)
+            for batch, measured in measure_on(scheduler, batches, advance) if scheduler else _here(batches, advance):
                 state.keep(batch, measured)
-                done += 1
+                del left[id(batch)]
                 if measured.interrupted:
                     break
-        except KeyboardInterrupt:  # between two batches
+        except KeyboardInterrupt:  # between two batches, or while a cluster measures them
             state.interrupted = True
-    state.folder.add(record for batch in batches[done:] for record in not_measured(batch))
+    state.folder.add(record for batch in left.values() for record in not_measured(batch))
+
+
+def _here(batches: Sequence[Batch], advance: Callable[[str], None]) -> Iterator[tuple[Batch, Measured]]:
+    """Measure one batch after the other in this process."""
+    return ((batch, measure(batch, advance)) for batch in batches)
 
 
 def version_line(records: Sequence[Record]) -> str:

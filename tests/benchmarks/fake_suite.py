@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -77,9 +80,23 @@ class FakeSuite:
     def tables(self, records, folder):
         return ()
 
-    def draw(self, records, folder, footer):
+    def draw(self, records, folder, out, footer):
         return ()
 
 
 def attempt(scene: str, number: int) -> Attempt:
     return Attempt("fake", scene, f"solver-{number}", "coulomb", "as is", 0.5 * (number % 2), 1e-8)
+
+
+@dataclass(frozen=True)
+class Kills:
+    """Kills the process that makes an attempt on a scene: the first time, or every time."""
+
+    scene: str
+    mark: Path
+    always: bool = False
+
+    def __call__(self, attempt: Attempt) -> None:
+        if attempt.scene == self.scene and (self.always or not self.mark.exists()):
+            self.mark.touch()
+            os.kill(os.getpid(), signal.SIGKILL)

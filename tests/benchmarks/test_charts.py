@@ -1,6 +1,5 @@
-"""Rows on disk and in pictures."""
+"""Rows in pictures."""
 
-import csv
 import re
 
 import matplotlib
@@ -11,13 +10,9 @@ from matplotlib.image import imread
 from benchmarks.charts import AXES, speed_accuracy
 from benchmarks.drawing import pareto_front
 from benchmarks.engines import PEERS
-from benchmarks.rows import Row, write_csv
+from tests.benchmarks.make_record import record as row
 
 TITLES = {"tower-5": "Tower of 5", "wall-5": "Wall, 5 rows", "tower-10": "not measured"}
-
-
-def row(scene="tower-5", case="cold", engine="gpx-lcp", solver="pgs", formulation="coulomb", **measured) -> Row:
-    return Row("stacks", scene, case, 5, engine, "1", solver, formulation, "x", 1.0, 1 / 240, "solved", **measured)
 
 
 ROWS = [
@@ -30,21 +25,6 @@ ROWS = [
     *(row("tower-5", engine=engine, step_ms=1.0, load_error=1e-4, contacts=20) for engine in PEERS),
     row("wall-5"),
 ]
-
-
-def test_csv_has_every_column_and_an_empty_cell_where_nothing_was_measured(tmp_path):
-    path = tmp_path / "deep" / "rows.csv"
-    write_csv(path, Row, [*ROWS, row()])
-    write_csv(path, Row, ROWS, {"room": "cellar"})
-    with path.open(newline="") as stream:
-        read = list(csv.DictReader(stream))
-    assert len(read) == len(ROWS)
-    wanted = {"status", "natural_map", "load_error", "cpu", "revision", "build_profile", "engine_version", "fallbacks"}
-    assert wanted <= set(read[0])
-    assert {line["room"] for line in read} == {"cellar"}
-    assert float(read[0]["step_ms"]) == 1.0
-    assert read[-1]["step_ms"] == read[-1]["natural_map"] == ""
-    assert list(path.parent.iterdir()) == [path]
 
 
 def test_pareto_front_keeps_what_nothing_beats_in_both():

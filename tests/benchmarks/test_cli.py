@@ -10,6 +10,8 @@ import gpx_lcp as gpx
 from benchmarks import cli, exit_codes, stacks
 from benchmarks.engines.pybullet import PyBullet
 
+CHARTS = ("speed-accuracy-cold", "speed-accuracy-stepped", "forces")
+
 
 def call(*arguments: str) -> tuple[int, str]:
     page = io.StringIO()
@@ -41,33 +43,49 @@ def test_list_says_how_to_get_a_missing_peer(monkeypatch):
     assert "pip install pybullet==3.2.7" in text
 
 
-def test_run_writes_rows_tables_charts_and_the_picture(tmp_path):
-    picture = tmp_path / "docs" / "speed-accuracy"
+def test_run_writes_rows_tables_charts_and_answers(tmp_path):
     # A limit that no busy machine reaches: what is asserted here is not how fast it is.
-    code, text, rows = run(tmp_path, *SMALL, "--time-limit", "60", "--peer", "none", "--picture", str(picture))
+    code, text, rows = run(tmp_path, *SMALL, "--time-limit", "60", "--peer", "none")
     assert code == exit_codes.OK
     assert {row["case"] for row in rows} == {"cold", "stepped"}
     for row in rows:
         assert (row["engine"], row["solver"], row["formulation"]) == ("gpx-lcp", "pgs", "coulomb")
         assert row["status"] == "solved"
         assert float(row["load_error"]) < 0.1
-        assert row["cpu"] and row["gpx_lcp"] and row["build_profile"] == "release"
+        assert row["cpu"] and row["gpx_lcp"] and row["build_profile"] == "release" and row["answer"]
     names = {path.name for path in (tmp_path / "stacks").iterdir()}
-    charts = {f"speed-accuracy-{case}.{kind}" for case in ("cold", "stepped") for kind in ("png", "svg")}
-    assert names == {"rows.csv", "tables.txt"} | charts
-    assert {path.name for path in picture.parent.iterdir()} == {"speed-accuracy.png", "speed-accuracy.svg"}
+    charts = {f"{stem}.{kind}" for stem in CHARTS for kind in ("png", "svg")}
+    assert names == {"rows.parquet", "rows.csv", "tables.txt", "asked.json", "answers"} | charts
     assert "What this does not show" in " ".join(text.split())
     assert "Tower of 5" in (tmp_path / "stacks" / "tables.txt").read_text()
 
 
 def test_a_missing_peer_is_listed_and_the_run_goes_on(tmp_path, monkeypatch):
     monkeypatch.setattr(PyBullet, "version", lambda self: "")
-    code, text, rows = run(tmp_path, *SMALL)
+    code, text, rows = run(tmp_path, *SMALL, "--peer", "pybullet")
     assert code == exit_codes.OK
     assert "pybullet is missing" in text and "pip install pybullet==3.2.7" in text
-    (missing,) = [row for row in rows if row["engine"] == "pybullet"]
-    assert missing["status"] == "missing" and "CPython 3.11" in missing["message"]
-    assert "pybullet missing" in text
+    missing = [row for row in rows if row["engine"] == "pybullet"]
+    assert {row["status"] for row in missing} == {"missing"} and "CPython 3.11" in missing[0]["message"]
+
+
+@pytest.mark.skipif(not PyBullet().version(), reason="pybullet is not installed: it has wheels up to 3.11")
+def test_resume_goes_on_with_what_was_asked_and_with_a_peer_that_is_there_by_now(tmp_path, monkeypatch):
+    asked = ("--solver", "pgs", "--solver", "SI", "--peer", "pybullet", "--steps", "4", "--quick")
+    with monkeypatch.context() as patch:
+        patch.setattr(PyBullet, "version", lambda self: "")
+        assert "missing" in {row["status"] for row in run(tmp_path, *asked)[2]}
+    code, text = call("run", "stacks", "--out", str(tmp_path), "--resume")
+    assert code == exit_codes.OK
+    assert "2 of 4 attempts are there; 2 are left" in text
+    lines = (tmp_path / "stacks" / "rows.csv").read_text(encoding="utf-8").splitlines()
+    rows = list(csv.DictReader(lines))
+    assert len(rows) == 8 and {row["engine"] for row in rows} == {"gpx-lcp", "pybullet"}
+    assert "missing" not in {row["status"] for row in rows}
+    code, text = call("run", "stacks", "--out", str(tmp_path), "--resume", "--repeats", "7")
+    assert code == exit_codes.USAGE and "leave out --repeats" in text
+    code, text = call("run", "stacks", "--out", str(tmp_path / "nowhere"), "--resume")
+    assert code == exit_codes.USAGE and "holds no run to go on with" in text
 
 
 def test_a_debug_build_is_refused(tmp_path, monkeypatch):
@@ -85,6 +103,12 @@ def test_nothing_to_run_is_refused(tmp_path):
     assert not rows
 
 
+def test_a_scene_that_is_not_there_is_named(tmp_path):
+    code, text = call("run", "stacks", "--out", str(tmp_path), "--scene", "bogus")
+    assert code == exit_codes.USAGE
+    assert "--scene is bogus: there is none of that name; there are tower-5" in text
+
+
 def test_ctrl_c_keeps_the_rows_and_says_so(tmp_path, monkeypatch):
     def interrupted(self, steps=1):
         raise KeyboardInterrupt
@@ -94,6 +118,7 @@ def test_ctrl_c_keeps_the_rows_and_says_so(tmp_path, monkeypatch):
     assert code == exit_codes.INTERRUPTED
     assert "stopped by Ctrl-C" in text
     assert {(row["scene"], row["status"]) for row in rows} == {("tower-5", "interrupted"), ("wall-5", "interrupted")}
+    assert "--resume measures them" in text
 
 
 def test_an_error_in_an_engine_is_the_exit_code(tmp_path, monkeypatch):
@@ -110,7 +135,6 @@ def test_an_error_in_an_engine_is_the_exit_code(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     "arguments",
     [
-        ("stacks", "--scene", "bogus"),
         ("stacks", "--repeats", "0"),
         ("stacks", "--steps", "-1"),
         ("stacks", "--time-limit", "0"),

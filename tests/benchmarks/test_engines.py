@@ -55,7 +55,7 @@ def test_gpx_carries_the_weight_and_its_impulses_explain_its_motion():
     setting = Setting("gpx-lcp", "pgs", "coulomb", "", 0.0, {"tolerance": 1e-10})
     measures, facts = first_step(ENGINES["gpx-lcp"], gpx.scenes.tower(2), setting)
     assert measures.load_error < 1e-8
-    assert measures.natural_map < 1e-9
+    assert measures.certificate.natural_map < 1e-9
     assert measures.unexplained < 1e-12
     assert (facts.status, facts.method) == ("solved", "coulomb/pgs")
     assert facts.iterations > 0

@@ -42,7 +42,7 @@ def baseline(tmp_path):
 @pytest.fixture
 def no_charts(monkeypatch):
     """Drawing takes longer than everything else here: one test looks at the charts."""
-    monkeypatch.setattr(Fclib, "draw", lambda self, records, folder, footer: [])
+    monkeypatch.setattr(Fclib, "draw", lambda self, records, folder, out, footer: [])
 
 
 def call(tmp_path, *arguments: str) -> tuple[int, str, list[dict[str, str]]]:

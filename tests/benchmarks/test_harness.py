@@ -20,9 +20,9 @@ from tests.benchmarks.fake_suite import FakeSuite
 CHANCE = ("seconds", "memory", "measured_at", "answer")
 
 
-def call(suite, out, resume=False):
+def call(suite, out, resume=False, scheduler=None):
     page = Console(file=io.StringIO(), width=200)
-    return run(suite, argparse.Namespace(out=out, resume=resume), ["run", "fake"], page)
+    return run(suite, argparse.Namespace(out=out, resume=resume, scheduler=scheduler), ["run", "fake"], page)
 
 
 def steady(folder):

@@ -1,23 +1,17 @@
 """Which rows count in the table against the peers."""
 
-from dataclasses import replace
-
 import pytest
 
 from benchmarks import ratios
-from benchmarks.report import moving_table, ratio_table
-from benchmarks.rows import Row
+from benchmarks.records import Record
+from benchmarks.tables import moving_table, ratio_table
+from tests.benchmarks.make_record import record
 
 
-def row(engine, step_ms, load_error=1e-9, case="stepped", solver="newton", formulation="coulomb", **more) -> Row:
+def row(engine, step_ms, load_error=1e-9, case="stepped", solver="newton", formulation="coulomb", **more) -> Record:
     known = {"body_error": 1e-12, "penetration": 1e-6, "drift": 1e-6, "natural_map": 1e-3, "steps": 9, "steps_asked": 9}
-    setting = more.pop("setting", "x")
-    return Row(
-        *("stacks", "scene", case, 5, engine, "1", solver, formulation, setting, 1.0, 1 / 240, "ran"),
-        step_ms=step_ms,
-        load_error=load_error,
-        **(known | more),
-    )
+    known |= {"load_error": load_error, "status": "ran"} | more
+    return record("scene", case, engine, solver, formulation, step_ms=step_ms, **known)
 
 
 OURS = row("gpx-lcp", 2.0)
@@ -37,9 +31,9 @@ def test_the_ratio_is_of_the_fastest_that_meet_the_bound():
     ids=str,
 )
 def test_what_does_not_stand_or_balance_does_not_count(fault):
-    worse = replace(row("mujoco", 1.0), **fault)
+    worse = row("mujoco", 1.0, **fault)
     assert ratios.standing([OURS, worse], "scene", 1e-8).peer is None
-    ours = replace(row("gpx-lcp", 1.0), **fault)
+    ours = row("gpx-lcp", 1.0, **fault)
     assert ratios.standing([ours, THEIRS], "scene", 1e-8).own is None
 
 

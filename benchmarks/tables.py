@@ -1,4 +1,4 @@
-"""Tables for the terminal and for the text file beside the rows."""
+"""Tables of rows, for the terminal, the text beside the rows, and the report."""
 
 from __future__ import annotations
 
@@ -10,13 +10,12 @@ from rich.text import Text
 
 from benchmarks import ratios
 from benchmarks.interface import scientific
-from benchmarks.rates import Rate
-from benchmarks.rows import Row
+from benchmarks.records import Record
 
 BOUNDS = (1e-2, 1e-3, 1e-6, 1e-9)
 
 
-def scene_table(title: str, rows: Sequence[Row]) -> Table:
+def scene_table(title: str, rows: Sequence[Record]) -> Table:
     """Return one scene's table: a line per setting, the cold first step beside the warm steps."""
     table = new_table(title)
     table.add_column("engine, solver, program, setting", overflow="fold", min_width=38)
@@ -29,21 +28,21 @@ def scene_table(title: str, rows: Sequence[Row]) -> Table:
             table.add_section()
         previous = cold.engine
         table.add_row(
-            f"{cold.engine} {cold.solver} {cold.formulation}, {cold.setting}",
+            _label(cold),
             _ms(cold.step_ms),
-            _ms(cold.solve_ms),
-            _error(cold.load_error),
+            _ms(None if cold.solve_seconds is None else 1e3 * cold.solve_seconds),
+            _error(cold.figure("load_error")),
             _error(cold.natural_map),
             _ms(stepped.step_ms),
-            _error(stepped.load_error),
-            _micro(stepped.penetration, ratios.PENETRATION_LIMIT),
-            _micro(stepped.drift, ratios.DRIFT_LIMIT),
+            _error(stepped.figure("load_error")),
+            _micro(stepped.figure("penetration"), ratios.PENETRATION_LIMIT),
+            _micro(stepped.figure("drift"), ratios.DRIFT_LIMIT),
             _remark(cold, stepped),
         )
     return table
 
 
-def reach_table(titles: Mapping[str, str], rows: Sequence[Row]) -> Table:
+def reach_table(titles: Mapping[str, str], rows: Sequence[Record]) -> Table:
     """Return, for each scene and bound, the fastest gpx-lcp and the fastest peer whose cold load error is below it."""
     table = new_table("Fastest cold step, with friction, whose load error is below the bound at every cut, ms")
     table.add_column("scene")
@@ -59,7 +58,7 @@ def reach_table(titles: Mapping[str, str], rows: Sequence[Row]) -> Table:
     return table
 
 
-def ratio_table(titles: Mapping[str, str], rows: Sequence[Row]) -> Table:
+def ratio_table(titles: Mapping[str, str], rows: Sequence[Record]) -> Table:
     """Return the fastest gpx-lcp against the fastest peer: settled steps by error bound, and the cold exact step."""
     table = new_table(
         "Fastest gpx-lcp / fastest peer, ms a step, settled, where loads and balance are right to the bound and "
@@ -77,7 +76,7 @@ def ratio_table(titles: Mapping[str, str], rows: Sequence[Row]) -> Table:
     return table
 
 
-def moving_table(titles: Mapping[str, str], rows: Sequence[Row]) -> Table:
+def moving_table(titles: Mapping[str, str], rows: Sequence[Record]) -> Table:
     """Return, for scenes that move, our fastest step that is no less accurate than pybullet's with 50 sweeps."""
     table = new_table(
         "Fastest gpx-lcp no less accurate (natural map) than pybullet with 50 sweeps / pybullet, ms a step"
@@ -91,23 +90,19 @@ def moving_table(titles: Mapping[str, str], rows: Sequence[Row]) -> Table:
     return table
 
 
-def rate_table(rates: Iterable[Rate]) -> Table:
+def rate_table(records: Iterable[Record]) -> Table:
     """Return the cost of a sweep per contact."""
     table = new_table("Cost of a sweep, ns per contact")
     for column in ("scene", "engine", "solver", "program"):
         table.add_column(column)
-    for column in ("contacts", "median", "fastest repeats"):
+    for column in ("contacts", "median", "fastest repeat"):
         table.add_column(column, justify="right")
-    for rate in rates:
-        table.add_row(
-            rate.scene,
-            rate.engine,
-            rate.solver,
-            rate.formulation,
-            str(rate.contacts),
-            f"{rate.median:.1f}",
-            f"{rate.fastest:.1f}",
-        )
+    for record in records:
+        costs = [
+            "" if seconds is None else f"{1e9 * seconds:.1f}"
+            for seconds in (record.step_seconds, record.step_seconds_low)
+        ]
+        table.add_row(record.scene, *record.line, str(record.contacts), *costs)
     return table
 
 
@@ -116,14 +111,19 @@ def new_table(title: str) -> Table:
     return Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
 
 
-def _pairs(rows: Sequence[Row]) -> Iterable[tuple[Row, Row]]:
+def _pairs(rows: Sequence[Record]) -> Iterable[tuple[Record, Record]]:
     """Return the cold and the stepped row of each setting."""
     stepped = {(row.line, row.setting): row for row in rows if row.case == "stepped"}
     return ((row, stepped[row.line, row.setting]) for row in rows if row.case == "cold")
 
 
-def _fastest(rows: Sequence[Row], bound: float) -> str:
-    reached = [row for row in rows if row.load_error is not None and row.load_error <= bound]
+def _label(record: Record) -> str:
+    """Return who ran, and with which setting; a missing engine has none."""
+    return f"{record.engine} {record.solver} {record.formulation}, {record.setting}" if record.solver else record.engine
+
+
+def _fastest(rows: Sequence[Record], bound: float) -> str:
+    reached = [row for row in rows if (error := row.figure("load_error")) is not None and error <= bound]
     if not reached:
         return "never"
     best = min(reached, key=lambda row: float(row.step_ms or 0.0))
@@ -141,7 +141,7 @@ def _ratio(ratio: ratios.Ratio) -> Text:
     return Text.assemble(("" if value is None else f"{value:.2f}  ", "bold"), f"{own} / {peer}")
 
 
-def _remark(cold: Row, stepped: Row) -> str:
+def _remark(cold: Record, stepped: Record) -> str:
     """Return the statuses where they are not plain success, and every fallback and message."""
     parts = [] if cold.status in ("ran", "solved") else [cold.status]
     if stepped.status not in ("ran", "solved", cold.status):

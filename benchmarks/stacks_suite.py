@@ -1,0 +1,174 @@
+"""The suite `stacks` in the table of suites: its arguments, batches, tables and charts."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from rich.table import Table
+from rich.text import Text
+
+from benchmarks import stacks
+from benchmarks.arguments import add_effort, add_filters, chosen, positive
+from benchmarks.attempts import COLD, OWN, Attempt, Batch
+from benchmarks.charts import AXES, speed_accuracy
+from benchmarks.engines import ENGINES, PEERS
+from benchmarks.forces import SCENES as PICTURED
+from benchmarks.forces import force_chart
+from benchmarks.interface import Setting
+from benchmarks.records import Record
+from benchmarks.simulating import STEPPED, SceneBatch
+from benchmarks.sweep_costs import SCENES as SWEEP_SCENES
+from benchmarks.sweep_costs import SWEEP, sweep_batch
+from benchmarks.tables import moving_table, rate_table, ratio_table, reach_table, scene_table
+
+REPEATS, QUICK_REPEATS = 4, 2
+STEPS, QUICK_STEPS = 240, 20
+TIME_LIMIT, QUICK_TIME_LIMIT = 1.0, 0.3
+
+HEADINGS = {
+    "cold": "Resting stacks, cold: the first step from touching rest",
+    "stepped": "Resting stacks, settled: the last of the warm steps, where time sufficed for them",
+    "swinging": "Towers while gravity swings by half of itself, five times a second",
+}
+
+
+class Stacks:
+    """The row of the suite in the table."""
+
+    name = stacks.NAME
+    summary = "resting stacks, by gpx-lcp and its peers, as simulations"
+    not_shown = stacks.NOT_SHOWN
+
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
+        """Add the suite's arguments."""
+        add_filters(parser)
+        parser.add_argument(
+            "--peer", action="append", choices=[*PEERS, "none"], help="only this peer; 'none' for gpx-lcp alone"
+        )
+        parser.add_argument(
+            "--tolerance", action="append", type=float, metavar="T", help="only settings that ask for this tolerance"
+        )
+        add_effort(parser, (REPEATS, QUICK_REPEATS), (TIME_LIMIT, QUICK_TIME_LIMIT))
+        parser.add_argument(
+            "--steps",
+            type=positive,
+            metavar="N",
+            help=f"warm steps after the cold first one ({STEPS}; quick: {QUICK_STEPS})",
+        )
+
+    def scenes(self) -> Mapping[str, str]:
+        """Return the scenes' titles; those that run only where they are named say so."""
+        return {
+            name: scene.title if scene.usual else f"{scene.title} (only where it is named)"
+            for name, scene in stacks.SCENES.items()
+        }
+
+    def batches(self, asked: argparse.Namespace, folder: Path) -> Sequence[Batch]:
+        """Return a batch for each scene, then those of the cost of a sweep."""
+        names = (
+            chosen(stacks.SCENES, asked.scene)
+            if asked.scene
+            else list(stacks.QUICK_SCENES if asked.quick else stacks.USUAL_SCENES)
+        )
+        peers = set(PEERS if asked.peer is None else asked.peer)
+        there = [name for name in ENGINES if name == OWN or name in peers]
+        installed = [name for name in there if ENGINES[name].version()]
+        settings = [
+            setting for name in installed for setting in ENGINES[name].settings(asked.quick) if _wants(asked, setting)
+        ]
+        if not settings:
+            return []
+        missing = [name for name in there if name not in installed]
+        batches: list[Batch] = [_scene_batch(name, settings, missing, asked) for name in names]
+        if not asked.quick:
+            lines = list(dict.fromkeys(setting.line for setting in settings))
+            batches += [sweep_batch(name, installed, lines) for name in SWEEP_SCENES if name in names]
+        return [batch for batch in batches if batch.attempts]
+
+    def batch_tables(self, records: Sequence[Record]) -> Sequence[Table]:
+        """Return the table of a scene."""
+        shown = [record for record in records if record.case in (COLD, STEPPED)]
+        return [scene_table(stacks.SCENES[shown[0].scene].title, shown)] if shown else []
+
+    def tables(self, records: Sequence[Record], folder: Path) -> Sequence[Table | Text]:
+        """Return what was reached how fast, by whom."""
+        charted = _titles(records, lambda scene: scene.charted)
+        at_rest = _titles(records, lambda scene: scene.at_rest)
+        moving = _titles(records, lambda scene: not scene.at_rest)
+        sweeps = [record for record in records if record.case == SWEEP and record.measured]
+        tables = [
+            *([reach_table(charted, records)] if charted else []),
+            *([ratio_table(at_rest, records)] if at_rest else []),
+            *([moving_table(moving, records)] if moving else []),
+            *([rate_table(sweeps)] if sweeps else []),
+        ]
+        gone = {record.engine: record.message for record in records if record.status == "missing"}
+        return [*tables, *(Text(f"{name} is missing. {install}", style="yellow") for name, install in gone.items())]
+
+    def draw(self, records: Sequence[Record], folder: Path, out: Path, footer: str) -> Sequence[Path]:
+        """Draw speed against accuracy, for each case."""
+        charted = _titles(records, lambda scene: scene.charted)
+        swinging = _titles(records, lambda scene: scene.swings)
+        footer = f"{footer}, dt = 1/240 s, sleeping off"
+        pictured = tuple(name for name in PICTURED if name in charted)
+        forces = force_chart(pictured, footer, out / "forces") if pictured else []
+        return forces + [
+            path
+            for name, axis in AXES.items()
+            for path in speed_accuracy(
+                records,
+                axis,
+                swinging if name == "swinging" else charted,
+                HEADINGS[name],
+                footer,
+                out / f"speed-accuracy-{name}",
+            )
+        ]
+
+
+def _wants(asked: argparse.Namespace, setting: Setting) -> bool:
+    return (
+        (asked.solver is None or setting.solver in asked.solver)
+        and (asked.formulation is None or setting.formulation in asked.formulation)
+        and (asked.tolerance is None or setting.options.get("tolerance") in asked.tolerance)
+    )
+
+
+def _scene_batch(
+    name: str, settings: Sequence[Setting], missing: Sequence[str], asked: argparse.Namespace
+) -> SceneBatch:
+    """Return the batch of a scene; an engine that is missing is one attempt, so that it is no hole in the results."""
+    scene = stacks.SCENES[name]
+    run = [(_attempt(name, setting), setting) for setting in settings if scene.wants(setting)]
+    gone = [Attempt(stacks.NAME, name, "", "", engine=engine) for engine in missing]
+    limit = asked.time_limit or (QUICK_TIME_LIMIT if asked.quick else TIME_LIMIT)
+    return SceneBatch(
+        name=name,
+        attempts=[*(attempt for attempt, _ in run), *gone],
+        settings={attempt.key: setting for attempt, setting in run},
+        repeats=asked.repeats or (QUICK_REPEATS if asked.quick else REPEATS),
+        steps=asked.steps or (QUICK_STEPS if asked.quick else STEPS),
+        time_limit=limit * scene.patience,
+    )
+
+
+def _attempt(scene: str, setting: Setting) -> Attempt:
+    return Attempt(
+        suite=stacks.NAME,
+        scene=scene,
+        solver=setting.solver,
+        formulation=setting.formulation,
+        setting=setting.label,
+        effort=setting.effort,
+        tolerance=setting.options.get("tolerance"),
+        engine=setting.engine,
+        engine_version=ENGINES[setting.engine].version(),
+    )
+
+
+def _titles(records: Sequence[Record], wanted: Callable[[stacks.StackScene], bool]) -> dict[str, str]:
+    """Return the titles of the measured scenes that are of a kind, by name."""
+    there = {record.scene for record in records}
+    return {name: scene.title for name, scene in stacks.SCENES.items() if name in there and wanted(scene)}
