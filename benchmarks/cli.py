@@ -88,6 +88,9 @@ def main(arguments: Sequence[str] | None = None, console: Console | None = None)
     except gpx.SettingsError as error:
         console.print(Text.assemble(("not understood: ", "bold red"), str(error)))
         return exit_codes.USAGE
+    except KeyboardInterrupt:  # while it draws, or outside of a run
+        console.print("[yellow]stopped by Ctrl-C[/]")
+        return exit_codes.INTERRUPTED
     except gpx.BackendMissing as error:
         console.print(Text.assemble(("refused: ", "bold red"), str(error)))
         return exit_codes.REFUSED

@@ -112,7 +112,8 @@ class Stacks:
         charted = _titles(records, lambda scene: scene.charted)
         swinging = _titles(records, lambda scene: scene.swings)
         footer = f"{footer}, dt = 1/240 s, sleeping off"
-        pictured = tuple(name for name in PICTURED if name in charted)
+        measured = {record.scene for record in records if record.measured}
+        pictured = tuple(name for name in PICTURED if name in measured)
         forces = force_chart(pictured, footer, out / "forces") if pictured else []
         return forces + [
             path
