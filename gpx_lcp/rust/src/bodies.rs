@@ -1,9 +1,11 @@
 //! What does not change while a world runs: shapes, masses and materials of its bodies. Bodies that move come first.
 
 use std::ops::AddAssign;
+use std::sync::Mutex;
 
 use parry3d_f64::math::{Matrix, Pose, Vector};
 
+use crate::collision::broad_phase::BroadPhase;
 use crate::collision::solid::Solid;
 use crate::small_matrix::cholesky;
 
@@ -23,6 +25,8 @@ pub struct Bodies {
     pub inverse_inertia_roots: Vec<Matrix>,
     /// Of the bodies that never move.
     pub fixed_poses: Vec<Pose>,
+    /// What collision detection remembers; it saves time and changes no result.
+    pub broad_phase: Mutex<BroadPhase>,
 }
 
 #[derive(Clone, Copy)]
@@ -99,6 +103,11 @@ impl Bodies {
     /// Radius of the ball about its centre of mass that holds a body; zero where it has no shape or no bounds.
     pub fn bound(&self, body: usize) -> f64 {
         self.solids[body].as_ref().map_or(0.0, Solid::bound)
+    }
+
+    /// Whether a body has a shape that no box holds.
+    pub fn has_no_bounds(&self, body: usize) -> bool {
+        matches!(self.solids[body], Some(Solid::HalfSpace { .. }))
     }
 
     /// Bounding radius of the smaller body of a pair.

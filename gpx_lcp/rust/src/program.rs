@@ -59,6 +59,28 @@ impl Program {
         square.sqrt() / b.iter().map(|b| b * b).sum::<f64>().sqrt()
     }
 
+    /// The start impulses, or none at all, whichever is closer to a solution, if that is within the tolerance; with its
+    /// residual. `residual` is that of the start. Impulses that do nothing but hold each other are not kept.
+    pub fn settled(
+        &self,
+        (friction, scale, b): (&[f64], &[f64], &[f64]),
+        start: &[f64],
+        residual: f64,
+        tolerance: f64,
+    ) -> Option<(Vec<f64>, f64)> {
+        if residual > tolerance {
+            return None;
+        }
+        let none = vec![0.0; b.len()];
+        let falling: Vec<f64> = b.iter().map(|value| -value).collect();
+        let without = self.relative_map(friction, scale, b, &none, &falling);
+        Some(if residual < without {
+            (start.to_vec(), residual)
+        } else {
+            (none, without)
+        })
+    }
+
     fn squared_map<const R: usize>(&self, contacts: &Contacts) -> f64 {
         match self {
             Program::Normal => contacts.sum::<R>(|_, d, p, u| normal_map(d, p, u)),

@@ -80,6 +80,19 @@ pub enum Details {
     },
 }
 
+impl Details {
+    /// Of an exact method whose start was good enough.
+    fn unchanged() -> Self {
+        Details::Exact {
+            factorisations: 0,
+            fill: 0,
+            fallbacks: Vec::new(),
+            infeasibility: None,
+            presolve: None,
+        }
+    }
+}
+
 /// Solve the system from the impulses `start`; None where the caller interrupts it.
 pub fn solve(
     stack: &Stack,
@@ -92,6 +105,28 @@ pub fn solve(
             impulse: vec![0.0; stack.b.len()],
             ..Answer::default()
         });
+    }
+    // At rest the impulses of the step before are the answer, and this is all that is done to them.
+    if let (Method::Exact { tolerance, .. }, Some(start)) = (&effort.method, start) {
+        let begun = Instant::now();
+        let residual = effort.program.residual(stack, start);
+        let system = (
+            stack.friction.as_slice(),
+            stack.scale.as_slice(),
+            stack.b.as_slice(),
+        );
+        let settled = effort.program.settled(system, start, residual, *tolerance);
+        if let Some((impulse, residual)) = settled {
+            return Some(Answer {
+                impulse,
+                status: Status::Solved,
+                residual,
+                elapsed: begun.elapsed(),
+                history: vec![(0, residual)],
+                details: Details::unchanged(),
+                ..Answer::default()
+            });
+        }
     }
     let mut answer = match &effort.method {
         Method::Sweeps(settings) => sweep(
@@ -150,23 +185,12 @@ fn solve_exactly(
         Program::Coulomb => exact::Law::Coulomb,
         Program::Polygon(_) => unreachable!("no exact method solves polygons: refused when made"),
     };
-    // A start that is a solution needs no smaller system.
-    let answered_already = |start: &[f64]| program.residual(stack, start) <= limits.tolerance;
     let presolved = presolve
-        .filter(|_| !start.is_some_and(answered_already))
         .and_then(|threads| presolve::solve(&view(stack, law), method, limits, start, threads));
     if let Some(presolve::Presolved { report, summary }) = presolved {
         return answered(report, limits, begun, begun, Some(summary));
     }
-    let matrix = exact::BlockMatrix {
-        starts: stack.row_starts.clone(),
-        columns: stack.columns.clone(),
-        values: stack.whitened.clone(),
-        height: stack.layout.rows,
-        width: stack.layout.columns,
-        block_columns: stack.roots.len(),
-    };
-    let operator = exact::Operator::Velocity(matrix);
+    let operator = exact::Operator::Velocity(stack.whitened.clone());
     let problem = exact::Problem::new(operator, &stack.b, &stack.friction, law)
         .expect("a stack has as many entries of B and coefficients as contacts");
     let prepared = Instant::now();
@@ -213,9 +237,9 @@ fn view(stack: &Stack, law: exact::Law) -> presolve::View<'_> {
         rows: stack.layout.rows,
         width: stack.layout.columns,
         bodies: stack.roots.len(),
-        starts: &stack.row_starts,
-        columns: &stack.columns,
-        whitened: &stack.whitened,
+        starts: &stack.whitened.starts,
+        columns: &stack.whitened.columns,
+        whitened: &stack.whitened.values,
         jacobian: Some(&stack.blocks),
         b: &stack.b,
         largest: presolve::largest(&stack.b),
@@ -335,9 +359,19 @@ impl Question<'_> {
 }
 
 fn block_rows<const R: usize, const D: usize>(stack: &Stack) -> BlockRows<R, D> {
-    let starts: Vec<i64> = stack.row_starts.iter().map(|&start| start as i64).collect();
-    let columns: Vec<i64> = stack.columns.iter().map(|&body| i64::from(body)).collect();
-    let blocks = stack.whitened.chunks_exact(stack.layout.rows * D);
+    let starts: Vec<i64> = stack
+        .whitened
+        .starts
+        .iter()
+        .map(|&start| start as i64)
+        .collect();
+    let columns: Vec<i64> = stack
+        .whitened
+        .columns
+        .iter()
+        .map(|&body| i64::from(body))
+        .collect();
+    let blocks = stack.whitened.values.chunks_exact(stack.layout.rows * D);
     let first_rows: Vec<f64> = blocks.flat_map(|block| &block[..R * D]).copied().collect();
     BlockRows::new(&starts, &columns, &first_rows, stack.roots.len())
         .expect("the blocks of a stack belong to its bodies")

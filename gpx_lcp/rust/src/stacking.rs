@@ -20,17 +20,16 @@ use parry3d_f64::math::{Matrix, Pose, Vector};
 
 use crate::bodies::{Bodies, Twist};
 use crate::collision::Contact;
+use crate::exact::BlockMatrix;
 
 /// The system: the blocks of J and of Ĵ = J L by rows of contacts (block compressed sparse rows), B and the friction.
 #[derive(Clone, Default)]
 pub struct Stack {
     pub layout: Layout,
-    pub row_starts: Vec<usize>,
-    pub columns: Vec<u32>,
-    /// Blocks of rows × columns, row by row.
+    /// Ĵ.
+    pub whitened: BlockMatrix,
+    /// The blocks of J, in the same places.
     pub blocks: Vec<f64>,
-    /// The same of Ĵ.
-    pub whitened: Vec<f64>,
     pub b: Vec<f64>,
     /// The velocities of the bodies after every force but contact.
     pub free: Vec<Twist>,
@@ -78,68 +77,26 @@ impl Stack {
         self.friction.iter().any(|friction| *friction != 0.0)
     }
 
-    /// The blocks of Ĵ of one contact, with their bodies.
-    fn whitened_row(&self, contact: usize) -> impl Iterator<Item = (usize, &[f64])> {
-        let size = self.layout.rows * self.layout.columns;
-        let row = self.row_starts[contact]..self.row_starts[contact + 1];
-        row.map(move |block| {
-            let body = self.columns[block] as usize;
-            (body, &self.whitened[block * size..][..size])
-        })
-    }
-
-    /// w = Ĵᵀ p, body by body; the impulses have rows entries per contact.
-    fn body_states(&self, impulse: &[f64]) -> Vec<[f64; 6]> {
-        match (self.layout.rows, self.layout.columns) {
-            (1, 3) => self.body_states_sized::<1, 3>(impulse),
-            (1, _) => self.body_states_sized::<1, 6>(impulse),
-            (_, 3) => self.body_states_sized::<3, 3>(impulse),
-            (_, _) => self.body_states_sized::<3, 6>(impulse),
-        }
-    }
-
-    fn body_states_sized<const R: usize, const C: usize>(&self, impulse: &[f64]) -> Vec<[f64; 6]> {
-        let mut states = vec![[0.0; 6]; self.roots.len()];
-        let lines = self.whitened.as_chunks::<C>().0;
-        for (contact, p) in impulse.as_chunks::<R>().0.iter().enumerate() {
-            for block in self.row_starts[contact]..self.row_starts[contact + 1] {
-                let state = &mut states[self.columns[block] as usize];
-                for (value, line) in p.iter().zip(&lines[block * R..][..R]) {
-                    for c in 0..C {
-                        state[c] += value * line[c];
-                    }
-                }
-            }
-        }
-        states
-    }
-
-    /// What the impulses add to the velocities of the bodies: M⁻¹ Jᵀ p = L Ĵᵀ p.
+    /// What the impulses, rows per contact, add to the velocities of the bodies: M⁻¹ Jᵀ p = L Ĵᵀ p.
     pub fn velocity_change(&self, impulse: &[f64]) -> Vec<Twist> {
-        let states = self.body_states(impulse);
-        let twist = |(root, state): (&MassRoot, &[f64; 6])| Twist {
+        let mut states = Vec::new();
+        self.whitened.gather(impulse, &mut states);
+        let twist = |(root, state): (&MassRoot, &[f64])| Twist {
             linear: Vector::from_slice(&state[..3]) * root.linear,
-            angular: root.angular * Vector::from_slice(&state[3..]),
+            angular: match state.get(3..6) {
+                Some(state) => root.angular * Vector::from_slice(state),
+                None => Vector::ZERO,
+            },
         };
-        self.roots.iter().zip(&states).map(twist).collect()
+        let states = states.chunks_exact(self.layout.columns);
+        self.roots.iter().zip(states).map(twist).collect()
     }
 
     /// The contact velocities u = A p - B after the impulses, rows per contact.
     pub fn velocity(&self, impulse: &[f64]) -> Vec<f64> {
-        let Layout { rows, columns } = self.layout;
-        let states = self.body_states(impulse);
-        let mut velocity: Vec<f64> = self.b.iter().map(|value| -value).collect();
-        for (contact, u) in velocity.chunks_exact_mut(rows).enumerate() {
-            for (body, block) in self.whitened_row(contact) {
-                for (sum, row) in u.iter_mut().zip(block.chunks_exact(columns)) {
-                    *sum += row
-                        .iter()
-                        .zip(&states[body])
-                        .map(|(x, y)| x * y)
-                        .sum::<f64>();
-                }
-            }
-        }
+        let (mut states, mut velocity) = (Vec::new(), Vec::new());
+        self.whitened.gather(impulse, &mut states);
+        self.whitened.spread(&states, &self.b, &mut velocity);
         velocity
     }
 
@@ -178,11 +135,14 @@ pub fn stack(
 ) {
     let Layout { rows, columns } = layout;
     result.layout = layout;
-    result.row_starts.clear();
-    result.row_starts.push(0);
-    result.columns.clear();
     result.blocks.clear();
-    result.whitened.clear();
+    let whitened_jacobian = &mut result.whitened;
+    whitened_jacobian.starts.clear();
+    whitened_jacobian.starts.push(0);
+    whitened_jacobian.columns.clear();
+    whitened_jacobian.values.clear();
+    (whitened_jacobian.height, whitened_jacobian.width) = (rows, columns);
+    whitened_jacobian.block_columns = motion.poses.len();
     result.b.clear();
     result.free.clear();
     result.free.extend_from_slice(motion.free);
@@ -198,7 +158,7 @@ pub fn stack(
     }));
     let size = 2 * contacts.len() * rows * columns;
     result.blocks.reserve(size);
-    result.whitened.reserve(size);
+    result.whitened.values.reserve(size);
     let (mut pair, mut friction, mut restitution) = ([u32::MAX; 2], 0.0, [0.0; 2]);
     for contact in contacts {
         let mut diagonal = [0.0; 3];
@@ -210,13 +170,16 @@ pub fn stack(
             let arm = contact.point - motion.poses[body].translation;
             let MassRoot { linear, angular } = result.roots[body];
             let to_root = angular.transpose();
-            result.columns.push(body as u32);
+            result.whitened.columns.push(body as u32);
             for (direction, sum) in contact.frame[..rows].iter().zip(&mut diagonal) {
                 let force = *direction * sign;
                 let whitened = force * linear;
                 let mut square = whitened.length_squared();
                 result.blocks.extend_from_slice(&force.to_array());
-                result.whitened.extend_from_slice(&whitened.to_array());
+                result
+                    .whitened
+                    .values
+                    .extend_from_slice(&whitened.to_array());
                 if columns == 6 {
                     let moment = arm.cross(force);
                     let whitened = to_root * moment;
@@ -224,12 +187,13 @@ pub fn stack(
                     // One after another: d_i is then the same number, to the last bit, as in Python.
                     square = entries.iter().fold(square, |sum, x| sum + x * x);
                     result.blocks.extend_from_slice(&moment.to_array());
-                    result.whitened.extend_from_slice(&entries);
+                    result.whitened.values.extend_from_slice(&entries);
                 }
                 *sum += square;
             }
         }
-        result.row_starts.push(result.columns.len());
+        let end = result.whitened.columns.len();
+        result.whitened.starts.push(end);
         if pair != contact.bodies {
             pair = contact.bodies;
             (friction, restitution) = (bodies.friction(pair), bodies.restitution(pair));

@@ -2,6 +2,7 @@
 
 use parry3d_f64::math::{Pose, Vector};
 use parry3d_f64::shape::SupportMap;
+use smallvec::smallvec;
 
 use super::separation::{Origin, separation};
 use super::solid::{Convex, Core, Feature, FeatureId, Few, Polytope, Solid, edge_id};
@@ -29,7 +30,7 @@ pub fn manifold(
     b: &Solid,
     pose_b: &Pose,
     prediction: f64,
-) -> Option<(Vector, Vec<Point>)> {
+) -> Option<(Vector, Few<Point>)> {
     match (a, b) {
         (Solid::Sphere { radius: ra }, Solid::Sphere { radius: rb }) => {
             let between = pose_b.translation - pose_a.translation;
@@ -72,7 +73,7 @@ fn one_point(
     gap: f64,
     features: [FeatureId; 2],
     prediction: f64,
-) -> Option<(Vector, Vec<Point>)> {
+) -> Option<(Vector, Few<Point>)> {
     (gap <= prediction).then(|| {
         let position = on_a + normal * (0.5 * gap);
         let point = Point {
@@ -80,7 +81,7 @@ fn one_point(
             gap,
             features,
         };
-        (normal, vec![point])
+        (normal, smallvec![point])
     })
 }
 
@@ -90,11 +91,15 @@ fn half_space_convex(
     convex: &Convex,
     pose_b: &Pose,
     prediction: f64,
-) -> Option<(Vector, Vec<Point>)> {
+) -> Option<(Vector, Few<Point>)> {
     let normal = pose_a.rotation * normal;
+    let height = (pose_b.translation - pose_a.translation).dot(normal);
+    if height - convex.bound > prediction {
+        return None;
+    }
     let feature = convex.feature(pose_b.rotation.inverse() * -normal);
     let corners = feature.points.iter().zip(&feature.ids);
-    let points: Vec<Point> = corners
+    let points: Few<Point> = corners
         .filter_map(|(&corner, &id)| {
             let surface = pose_b.transform_point(corner) - normal * convex.border;
             let gap = (surface - pose_a.translation).dot(normal);
@@ -114,7 +119,7 @@ fn convex_sphere(
     radius: f64,
     pose_b: &Pose,
     prediction: f64,
-) -> Option<(Vector, Vec<Point>)> {
+) -> Option<(Vector, Few<Point>)> {
     let centre = pose_a.inverse_transform_point(pose_b.translation);
     let (surface, inside) = convex.nearest(centre);
     let outward = if inside {
@@ -145,7 +150,7 @@ fn convex_convex(
     b: &Convex,
     pose_b: &Pose,
     prediction: f64,
-) -> Option<(Vector, Vec<Point>)> {
+) -> Option<(Vector, Few<Point>)> {
     let b_in_a = pose_a.inv_mul(pose_b);
     let found = separation(a, b, &b_in_a, prediction)?;
     let normal = found.normal;
@@ -168,12 +173,12 @@ fn convex_convex(
         }
         Origin::Edges(i, j) => match (&a.core, &b.core) {
             (Core::Polytope(pa), Core::Polytope(pb)) => {
-                vec![edge_contact(pa, i, pb, j, &b_in_a, normal)]
+                smallvec![edge_contact(pa, i, pb, j, &b_in_a, normal)]
             }
-            _ => Vec::new(),
+            _ => Few::new(),
         },
         Origin::Points(pa, pb) => overlap(&feature_a, &feature_b, normal).unwrap_or_else(|| {
-            vec![Point {
+            smallvec![Point {
                 position: 0.5 * (pa + pb),
                 gap: (pb - pa).dot(normal),
                 features: [feature_a.face_id(), feature_b.face_id()],
@@ -192,7 +197,7 @@ fn convex_convex(
 
 /// The part of `incident` that lies over the face `reference` (whose outward normal is `normal`), as contact points
 /// with features [reference, incident]: Sutherland and Hodgman's clipping by the planes through the face's sides.
-fn clip(reference: &Feature, incident: &Feature, normal: Vector, merge: f64) -> Vec<Point> {
+fn clip(reference: &Feature, incident: &Feature, normal: Vector, merge: f64) -> Few<Point> {
     #[derive(Clone, Copy)]
     struct Corner {
         at: Vector,
@@ -248,10 +253,13 @@ fn clip(reference: &Feature, incident: &Feature, normal: Vector, merge: f64) -> 
         std::mem::swap(&mut corners, &mut kept);
     }
     let origin = reference.points[0];
-    let mut points: Vec<Point> = Vec::with_capacity(corners.len());
+    let mut points: Few<Point> = Few::new();
     let mut surfaces: Few<Vector> = Few::new();
     for corner in corners {
-        if surfaces.iter().any(|at| at.distance(corner.at) < merge) {
+        if surfaces
+            .iter()
+            .any(|at| at.distance_squared(corner.at) < merge * merge)
+        {
             continue;
         }
         surfaces.push(corner.at);
@@ -266,7 +274,7 @@ fn clip(reference: &Feature, incident: &Feature, normal: Vector, merge: f64) -> 
 }
 
 /// The two ends of the stretch along which two nearly parallel edges run side by side; None for anything else.
-fn overlap(a: &Feature, b: &Feature, normal: Vector) -> Option<Vec<Point>> {
+fn overlap(a: &Feature, b: &Feature, normal: Vector) -> Option<Few<Point>> {
     let ([a0, a1], [b0, b1]) = (a.points.as_slice(), b.points.as_slice()) else {
         return None;
     };
@@ -291,7 +299,7 @@ fn overlap(a: &Feature, b: &Feature, normal: Vector) -> Option<Vec<Point>> {
         gap: (ends[end].1 - ends[end].0).dot(normal),
         features: [a.ids[end], b.ids[if s1 > s0 { end } else { 1 - end }]],
     };
-    Some(vec![point(0), point(1)])
+    Some(smallvec![point(0), point(1)])
 }
 
 /// The one point where an edge of each polyhedron pass each other, the cores' outermost edges in those directions.

@@ -1,17 +1,18 @@
 //! From poses to contacts: which bodies may touch within the step, and where.
 //!
-//! The broad phase is parry's bounding-volume hierarchy over boxes that are as much wider as the body can travel in the
-//! step; the narrow phase makes one manifold per pair that is left. Nothing is carried over from one step to the next,
-//! so that the same state always gives the same contacts; what touches is named by features, which is what lets the
-//! impulses of one step start the next.
+//! The broad phase tries boxes that are as much wider as the body can travel in the step; the narrow phase makes one
+//! manifold per pair that is left. Nothing that is carried over from one step to the next changes a result, so that the
+//! same state always gives the same contacts; what touches is named by features, which is what lets the impulses of one
+//! step start the next.
 
+pub mod broad_phase;
 pub mod manifold;
 pub mod separation;
 pub mod solid;
 
-use parry3d_f64::bounding_volume::BoundingVolume;
+use std::sync::PoisonError;
+
 use parry3d_f64::math::{Pose, Vector};
-use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy, BvhWorkspace};
 
 use crate::bodies::{Bodies, Twist};
 use solid::FeatureId;
@@ -19,8 +20,6 @@ use solid::FeatureId;
 /// Gap below which bodies count as touching even at rest, as a share of the body's size: above rounding, far below
 /// anything that would bring in neighbours.
 const REST_MARGIN: f64 = 1e-6;
-/// Up to so many bodies every pair is tried: the tree takes longer to build.
-const TREE_FROM: usize = 64;
 /// A point that moved less than this share of its body's size between two steps is the same contact, whatever its
 /// features are called now.
 const SAME_POINT: f64 = 0.05;
@@ -60,15 +59,15 @@ pub fn detect(
         })
         .collect();
     let mut contacts = Vec::new();
-    for [a, b] in pairs(bodies, &pose, &margins) {
+    let touching = |a: usize, b: usize| {
         let (Some(solid_a), Some(solid_b)) = (&bodies.solids[a], &bodies.solids[b]) else {
-            continue;
+            return;
         };
         let prediction = margins[a] + margins[b];
         let Some((normal, points)) =
             manifold::manifold(solid_a, pose(a), solid_b, pose(b), prediction)
         else {
-            continue;
+            return;
         };
         let frame = frame(normal);
         contacts.extend(points.into_iter().map(|point| Contact {
@@ -78,58 +77,15 @@ pub fn detect(
             frame,
             gap: point.gap,
         }));
-    }
-    contacts
-}
-
-/// Pairs that may touch, at least one of them moving, in ascending order.
-fn pairs<'b>(
-    bodies: &Bodies,
-    pose: &impl Fn(usize) -> &'b Pose,
-    margins: &[f64],
-) -> Vec<[usize; 2]> {
-    let mut bounded = Vec::new();
-    let mut unbounded = Vec::new();
-    for (body, solid) in bodies.solids.iter().enumerate() {
-        let Some(solid) = solid else { continue };
-        match solid.aabb(pose(body), margins[body]) {
-            Some(aabb) => bounded.push((body, aabb)),
-            None => unbounded.push(body),
-        }
-    }
-    let mut pairs = Vec::new();
-    for &plane in &unbounded {
-        let moving = bounded.iter().filter(|(body, _)| *body < bodies.moving);
-        pairs.extend(moving.map(|(body, _)| [plane, *body]));
-    }
-    let mut found = |one: usize, other: usize| {
-        let (low, high) = (one.min(other), one.max(other));
-        if high < bodies.moving {
-            pairs.push([low, high]);
-        } else if low < bodies.moving {
-            pairs.push([high, low]);
-        }
     };
-    if bounded.len() <= TREE_FROM {
-        for (place, (one, aabb)) in bounded.iter().enumerate() {
-            for (other, other_aabb) in &bounded[place + 1..] {
-                if aabb.intersects(other_aabb) {
-                    found(*one, *other);
-                }
-            }
-        }
-    } else {
-        // Leaves are numbered from 0 without holes: parry's build relies on that.
-        let leaves = bounded.iter().map(|(_, aabb)| *aabb).enumerate();
-        let tree = Bvh::from_iter(BvhBuildStrategy::Binned, leaves);
-        let workspace = &mut BvhWorkspace::default();
-        tree.traverse_bvtt_single_tree::<false>(workspace, &mut |one, other| {
-            found(bounded[one as usize].0, bounded[other as usize].0);
-        });
-    }
-    // The moving body first in the order, so that contacts of one body stand together.
-    pairs.sort_unstable_by_key(|&[a, b]| (b, a));
-    pairs
+    let bounds = |body: usize| {
+        let solid = bodies.solids[body].as_ref()?;
+        solid.aabb(pose(body), margins[body])
+    };
+    let memory = bodies.broad_phase.lock();
+    let mut memory = memory.unwrap_or_else(PoisonError::into_inner);
+    memory.pairs(bodies, &margins, bounds, touching);
+    contacts
 }
 
 /// A right-handed frame with the normal first; a vertical normal has its tangents along x and y.
@@ -189,6 +145,18 @@ fn match_pair(
     reach: f64,
     start: &mut [[f64; 3]],
 ) {
+    // As a rule the pair touches as it did: all names are the same, in the same order.
+    let as_before = contacts.len() == previous.len()
+        && contacts
+            .iter()
+            .zip(previous)
+            .all(|(contact, previous)| contact.features == previous.features);
+    if as_before {
+        for (k, start) in start.iter_mut().enumerate() {
+            *start = turned(&impulses[k], &previous[k].frame, &contacts[k].frame);
+        }
+        return;
+    }
     let mut taken = vec![false; previous.len()];
     let mut found = vec![None; contacts.len()];
     for (contact, found) in contacts.iter().zip(&mut found) {
@@ -213,15 +181,18 @@ fn match_pair(
     }
     for ((contact, found), start) in contacts.iter().zip(found).zip(start) {
         let Some(k) = found else { continue };
-        // The normal part is kept; the tangential part follows the frame, which turns with the normal.
-        let [n, t1, t2] = impulses[k];
-        let tangential = previous[k].frame[1] * t1 + previous[k].frame[2] * t2;
-        *start = [
-            n,
-            tangential.dot(contact.frame[1]),
-            tangential.dot(contact.frame[2]),
-        ];
+        *start = turned(&impulses[k], &previous[k].frame, &contact.frame);
     }
+}
+
+/// The normal part is kept; the tangential part follows the frame, which turns with the normal.
+fn turned(impulse: &[f64; 3], before: &[Vector; 3], now: &[Vector; 3]) -> [f64; 3] {
+    if before == now {
+        return *impulse;
+    }
+    let [n, t1, t2] = *impulse;
+    let tangential = before[1] * t1 + before[2] * t2;
+    [n, tangential.dot(now[1]), tangential.dot(now[2])]
 }
 
 #[cfg(test)]
@@ -247,6 +218,7 @@ mod tests {
             inverse_inertias: vec![Matrix::IDENTITY; 2],
             inverse_inertia_roots: vec![Matrix::IDENTITY; 2],
             fixed_poses: Vec::new(),
+            broad_phase: std::sync::Mutex::default(),
         }
     }
 

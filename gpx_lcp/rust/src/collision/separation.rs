@@ -40,6 +40,19 @@ pub struct Separation {
 pub fn separation(a: &Convex, b: &Convex, b_in_a: &Pose, prediction: f64) -> Option<Separation> {
     let tolerance = PREFERENCE * a.bound.min(b.bound);
     let turn = Matrix::from_quat(b_in_a.rotation);
+    if let (Core::Polytope(pa), Core::Polytope(pb)) = (&a.core, &b.core)
+        && let (Some(half_a), Some(half_b)) = (pa.half, pb.half)
+    {
+        let offset = b_in_a.translation;
+        let found = boxes(half_a, half_b, &turn, offset, prediction, tolerance)?;
+        return Some(Separation {
+            origin: match found.origin {
+                Origin::Edges(i, j) => Origin::Edges(pa.edge_direction(i), pb.edge_direction(j)),
+                other => other,
+            },
+            ..found
+        });
+    }
     let mut best = Separation {
         normal: Vector::Z,
         gap: f64::NEG_INFINITY,
@@ -95,6 +108,86 @@ pub fn separation(a: &Convex, b: &Convex, b_in_a: &Pose, prediction: f64) -> Opt
             && !consider(normal, Origin::Points(pa, pb), tolerance)
         {
             return None;
+        }
+    }
+    best.gap.is_finite().then_some(best)
+}
+
+/// The same for two boxes of these half lengths: along a direction each reaches as far as its half lengths, projected.
+///
+/// Source: S. Gottschalk, M. Lin, D. Manocha, *OBBTree*, SIGGRAPH (1996). The origin `Edges` counts axes.
+fn boxes(
+    half_a: Vector,
+    half_b: Vector,
+    turn: &Matrix,
+    offset: Vector,
+    prediction: f64,
+    tolerance: f64,
+) -> Option<Separation> {
+    // Columns are the axes of b; the reach of b along the axes of a, and of a along those of b.
+    let axes = [turn.x_axis, turn.y_axis, turn.z_axis];
+    let reach_b = axes[0].abs() * half_b.x + axes[1].abs() * half_b.y + axes[2].abs() * half_b.z;
+    let mut best = Separation {
+        normal: Vector::Z,
+        gap: f64::NEG_INFINITY,
+        origin: Origin::FaceA,
+    };
+    for axis in 0..3 {
+        let gap = offset[axis].abs() - half_a[axis] - reach_b[axis];
+        if gap > prediction {
+            return None;
+        }
+        if gap > best.gap {
+            let normal = Vector::AXES[axis];
+            best = Separation {
+                normal: if offset[axis] > 0.0 { normal } else { -normal },
+                gap,
+                origin: Origin::FaceA,
+            };
+        }
+    }
+    for axis in 0..3 {
+        let normal = axes[axis];
+        let along = offset.dot(normal);
+        let gap = along.abs() - half_b[axis] - normal.abs().dot(half_a);
+        if gap > prediction {
+            return None;
+        }
+        if gap > best.gap + tolerance {
+            best = Separation {
+                normal: if along < 0.0 { -normal } else { normal },
+                gap,
+                origin: Origin::FaceB,
+            };
+        }
+    }
+    for i in 0..3 {
+        for j in 0..3 {
+            let axis = Vector::AXES[i].cross(axes[j]);
+            let square = axis.length_squared();
+            // Nearly parallel edges touch where a face does, and their cross product is all rounding.
+            if square < 1e-12 {
+                continue;
+            }
+            let normal = axis / square.sqrt();
+            let along = offset.dot(normal);
+            let reach = normal.abs().dot(half_a)
+                + axes
+                    .iter()
+                    .zip(half_b.to_array())
+                    .map(|(axis, half)| normal.dot(*axis).abs() * half)
+                    .sum::<f64>();
+            let gap = along.abs() - reach;
+            if gap > prediction {
+                return None;
+            }
+            if gap > best.gap + tolerance {
+                best = Separation {
+                    normal: if along < 0.0 { -normal } else { normal },
+                    gap,
+                    origin: Origin::Edges(i, j),
+                };
+            }
         }
     }
     best.gap.is_finite().then_some(best)

@@ -64,7 +64,7 @@ pub struct Polytope {
     /// Every edge as its two vertices and the index of its direction.
     pub edges: Vec<([u32; 2], usize)>,
     /// Half lengths, where it is a box along its own axes.
-    half: Option<Vector>,
+    pub half: Option<Vector>,
     surface: SharedShape,
 }
 
@@ -91,6 +91,22 @@ impl Feature {
     }
 }
 
+impl Polytope {
+    /// The index of the edges' direction along an axis of a box.
+    pub fn edge_direction(&self, axis: usize) -> usize {
+        let directions = self.edge_directions.iter();
+        let along = directions.map(|direction| direction[axis].abs());
+        let (index, _) =
+            along.enumerate().fold(
+                (0, 0.0),
+                |best, (index, along)| {
+                    if along > best.1 { (index, along) } else { best }
+                },
+            );
+        index
+    }
+}
+
 impl Solid {
     pub fn bound(&self) -> f64 {
         match self {
@@ -105,6 +121,16 @@ impl Solid {
         let half = match self {
             Solid::Sphere { radius } => Vector::splat(*radius),
             Solid::HalfSpace { .. } => return None,
+            Solid::Convex(Convex {
+                core:
+                    Core::Polytope(Polytope {
+                        half: Some(half), ..
+                    }),
+                ..
+            }) => {
+                let turn = Matrix::from_quat(pose.rotation);
+                turn.x_axis.abs() * half.x + turn.y_axis.abs() * half.y + turn.z_axis.abs() * half.z
+            }
             Solid::Convex(convex) => {
                 let mut low = Vector::ZERO;
                 let mut high = Vector::ZERO;

@@ -23,7 +23,7 @@ pub enum ShapeError {
 }
 
 /// Blocks of `height` × `width` in CSR order; `values` holds them one after another, each row-major.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct BlockMatrix {
     pub starts: Vec<usize>,
     pub columns: Vec<u32>,
@@ -200,6 +200,78 @@ impl BlockMatrix {
             result.starts.push(result.columns.len());
         }
         result
+    }
+
+    /// w = Hᵀ p for p with `height` scalars per block row; w has `width` per block column.
+    pub fn gather(&self, p: &[f64], w: &mut Vec<f64>) {
+        w.clear();
+        w.resize(self.block_columns * self.width, 0.0);
+        match (self.height, self.width) {
+            (3, 6) => self.gather_sized::<3, 6>(p, w),
+            (1, 6) => self.gather_sized::<1, 6>(p, w),
+            (3, 3) => self.gather_sized::<3, 3>(p, w),
+            (1, 3) => self.gather_sized::<1, 3>(p, w),
+            (height, width) => {
+                for (i, values) in p.chunks_exact(height).enumerate() {
+                    for (j, block) in self.row(i) {
+                        let state = &mut w[j * width..][..width];
+                        for (value, line) in values.iter().zip(block.chunks_exact(width)) {
+                            for (sum, entry) in state.iter_mut().zip(line) {
+                                *sum += value * entry;
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    fn gather_sized<const R: usize, const D: usize>(&self, p: &[f64], w: &mut [f64]) {
+        let (lines, states) = (self.values.as_chunks::<D>().0, w.as_chunks_mut::<D>().0);
+        for (i, values) in p.as_chunks::<R>().0.iter().enumerate() {
+            for block in self.starts[i]..self.starts[i + 1] {
+                let state = &mut states[self.columns[block] as usize];
+                for (value, line) in values.iter().zip(&lines[block * R..][..R]) {
+                    for d in 0..D {
+                        state[d] += value * line[d];
+                    }
+                }
+            }
+        }
+    }
+
+    /// u = H w - b, `height` scalars per block row.
+    pub fn spread(&self, w: &[f64], b: &[f64], u: &mut Vec<f64>) {
+        u.clear();
+        u.extend(b.iter().map(|value| -value));
+        match (self.height, self.width) {
+            (3, 6) => self.spread_sized::<3, 6>(w, u),
+            (1, 6) => self.spread_sized::<1, 6>(w, u),
+            (3, 3) => self.spread_sized::<3, 3>(w, u),
+            (1, 3) => self.spread_sized::<1, 3>(w, u),
+            (height, width) => {
+                for (i, sums) in u.chunks_exact_mut(height).enumerate() {
+                    for (j, block) in self.row(i) {
+                        let state = &w[j * width..][..width];
+                        for (sum, line) in sums.iter_mut().zip(block.chunks_exact(width)) {
+                            *sum += line.iter().zip(state).map(|(x, y)| x * y).sum::<f64>();
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    fn spread_sized<const R: usize, const D: usize>(&self, w: &[f64], u: &mut [f64]) {
+        let (lines, states) = (self.values.as_chunks::<D>().0, w.as_chunks::<D>().0);
+        for (i, sums) in u.as_chunks_mut::<R>().0.iter_mut().enumerate() {
+            for block in self.starts[i]..self.starts[i + 1] {
+                let state = &states[self.columns[block] as usize];
+                for (sum, line) in sums.iter_mut().zip(&lines[block * R..][..R]) {
+                    *sum += (0..D).map(|d| line[d] * state[d]).sum::<f64>();
+                }
+            }
+        }
     }
 
     /// y = H x for x with `width` scalars per block column; y has three per block row, the missing ones zero.

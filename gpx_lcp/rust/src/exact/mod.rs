@@ -1,8 +1,10 @@
 //! Exact solvers: second-order methods for the frictionless, the convex and the exact Coulomb law.
 //!
-//! `interior_point`, `proximal_newton` and a few `sweeps` are the methods; `strategy` runs them one after another. Everything below
-//! them is shared: the problem without units, the cones, the Newton systems and their sparse factorisation.
+//! `active_set`, `interior_point`, `proximal_newton` and a few `sweeps` are the methods; `strategy` runs them one after
+//! another. Everything below them is shared: the problem without units, the cones, the Newton systems and their sparse
+//! factorisation.
 
+mod active_set;
 mod block_matrix;
 mod cones;
 mod infeasibility;

@@ -156,8 +156,18 @@ impl<'a> NewtonSystem<'a> {
         self.lu.fill()
     }
 
+    /// Whether I + E A with these blocks is what was factored last.
+    pub fn is_factored(&self, blocks: &[Matrix]) -> bool {
+        self.factorisations > 0 && self.blocks == blocks
+    }
+
     /// Factors I + E A; `weight[i]` is the size of A_ii, used to balance the rows.
+    ///
+    /// The same blocks as the last time cost nothing.
     pub fn factor(&mut self, blocks: &[Matrix], weight: &[f64]) {
+        if self.is_factored(blocks) {
+            return;
+        }
         self.blocks.copy_from_slice(blocks);
         for ((scale, block), weight) in self.row_scale.iter_mut().zip(blocks).zip(weight) {
             let largest = block

@@ -6,9 +6,10 @@
 //! few digits, proximal Newton goes on, then the path is tried once more in long steps without regard to folds, which end
 //! elsewhere. A stronger smoothing of ‖u_t‖ bends the path, which helps where all that fails.
 
+use super::active_set::active_set;
 use super::infeasibility::certificate;
 use super::interior_point::{Start, impulse_size, interior_point, stopping_impulses};
-use super::newton_system::NewtonSystem;
+use super::newton_system::{NewtonSystem, Operator};
 use super::problem::{Best, Limits, Problem};
 use super::proximal_newton::{COLD_TRUST, Effort, WARM_TRUST, proximal_newton};
 use super::small::Vector;
@@ -48,8 +49,27 @@ pub struct Report {
     pub infeasibility: Option<Vec<f64>>,
 }
 
+impl Report {
+    /// Of a start that is good enough as it is.
+    pub fn unchanged(impulse: Vec<f64>, residual: f64) -> Self {
+        Self {
+            impulse,
+            residual,
+            status: Status::Solved,
+            iterations: 0,
+            factorisations: 0,
+            fill: 0,
+            history: vec![(0, residual)],
+            fallbacks: Vec::new(),
+            infeasibility: None,
+        }
+    }
+}
+
 #[derive(Debug, Clone, Copy)]
 enum Stage {
+    /// The active-set method from the best point, while it gets on.
+    ActiveSet,
     /// Gauss-Seidel from rest, while it promises to be cheaper than so many Newton steps.
     Sweeps(f64),
     /// Proximal Newton from the best point while it is easy.
@@ -74,7 +94,8 @@ const INTERIOR_POINT: [Stage; 7] = [
     Stage::Path(10.0),
     Stage::Proximal(200),
 ];
-const PROXIMAL_NEWTON: [Stage; 8] = [
+const PROXIMAL_NEWTON: [Stage; 9] = [
+    Stage::ActiveSet,
     Stage::Sweeps(20.0),
     Stage::Probe,
     Stage::Folds(1e-3),
@@ -110,7 +131,13 @@ pub fn solve(problem: &Problem, method: Method, limits: &Limits, start: Option<&
         if best.residual <= limits.tolerance || limits.expired() || steps >= limits.iterations {
             break;
         }
-        if start.is_some() && matches!(stage, Stage::Sweeps(_)) {
+        let skipped = match stage {
+            Stage::Sweeps(_) => start.is_some(),
+            // Problem files come as A: their contacts are seldom at rest, and the steps would be wasted.
+            Stage::ActiveSet => start.is_none() && matches!(problem.operator, Operator::Impulse(_)),
+            _ => false,
+        };
+        if skipped {
             continue;
         }
         let mut found = Best::new(problem);
@@ -183,6 +210,7 @@ impl<'a> Run<'a> {
         let system = self.system();
         match stage {
             Stage::Sweeps(_) => 0,
+            Stage::ActiveSet => active_set(problem, system, limits, &here, found),
             Stage::Probe => {
                 let effort = Effort {
                     trust,
@@ -233,7 +261,7 @@ impl Stage {
     fn name(self) -> &'static str {
         match self {
             Self::Sweeps(_) => "gauss_seidel",
-            Self::Probe | Self::Proximal(_) => "proximal_newton",
+            Self::ActiveSet | Self::Probe | Self::Proximal(_) => "proximal_newton",
             Self::Folds(_) | Self::Path(_) => "interior_point",
         }
     }

@@ -9,6 +9,7 @@ use pyo3::prelude::*;
 use super::system::{PresolveSummary, System, presolve_summary, same_length};
 use crate::exact::{Law, Limits, Method, Problem, Report, ShapeError, Status, solve};
 use crate::presolve::{self, Summary};
+use crate::program::Program;
 
 pyo3::import_exception!(gpx_lcp.errors, ProblemError);
 
@@ -28,6 +29,16 @@ pub struct Wanted {
     pub presolve: bool,
     #[pyo3(item)]
     pub threads: usize,
+}
+
+impl From<Law> for Program {
+    fn from(law: Law) -> Self {
+        match law {
+            Law::Normal => Program::Normal,
+            Law::Cone => Program::Cone,
+            Law::Coulomb => Program::Coulomb,
+        }
+    }
 }
 
 impl Wanted {
@@ -88,6 +99,13 @@ pub fn exact(
     if let Some(start) = start {
         same_length("start", start.len(), system.target.len())?;
     }
+    if let Some(start) = start {
+        let began = Instant::now();
+        if let Some((impulse, residual)) = system.settled(&law.into(), start, settings.tolerance) {
+            let report = Report::unchanged(impulse, residual);
+            return Ok(answer(py, report, began.elapsed().as_secs_f64(), None));
+        }
+    }
     let signal = Mutex::new(None);
     let interrupted = || {
         let mut signal = signal.lock().unwrap_or_else(PoisonError::into_inner);
@@ -106,16 +124,13 @@ pub fn exact(
             settings.time_limit,
             &interrupted,
         );
-        // A start that is a solution needs no smaller system.
-        let answered = |start: &[f64]| system.relative_map(law, start) <= settings.tolerance;
         if settings.presolve
-            && !start.is_some_and(answered)
             && let Some(view) = system.view(law)
             && let Some(found) = presolve::solve(&view, method, &limits, start, settings.threads)
         {
             // Parts that are solved while the whole is not: at tolerances near rounding, the whole has the last word.
             if found.report.status != Status::Solved
-                || system.relative_map(law, &found.report.impulse) <= settings.tolerance
+                || system.residual_of(&law.into(), &found.report.impulse) <= settings.tolerance
             {
                 return Ok((found.report, began.elapsed(), Some(found.summary)));
             }

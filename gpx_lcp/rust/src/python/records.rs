@@ -207,12 +207,16 @@ impl Stack {
         Bound<'py, PyArray3<f64>>,
     )> {
         let stack = &self.0;
-        let shape = [stack.columns.len(), stack.layout.rows, stack.layout.columns];
+        let shape = [
+            stack.whitened.columns.len(),
+            stack.layout.rows,
+            stack.layout.columns,
+        ];
         Ok((
-            PyArray1::from_iter(py, stack.row_starts.iter().map(|&start| start as i32)),
-            PyArray1::from_iter(py, stack.columns.iter().map(|&body| body as i32)),
+            PyArray1::from_iter(py, stack.whitened.starts.iter().map(|&start| start as i32)),
+            PyArray1::from_iter(py, stack.whitened.columns.iter().map(|&body| body as i32)),
             PyArray1::from_slice(py, &stack.blocks).reshape(shape)?,
-            PyArray1::from_slice(py, &stack.whitened).reshape(shape)?,
+            PyArray1::from_slice(py, &stack.whitened.values).reshape(shape)?,
         ))
     }
 

@@ -1,6 +1,7 @@
 //! The stages of a step as Python calls them: free motion, detection, stacking, advance.
 
 use std::panic::catch_unwind;
+use std::sync::Mutex;
 
 use numpy::PyArray2;
 use parry3d_f64::math::{Matrix, Pose, Vector};
@@ -79,6 +80,7 @@ impl Bodies {
             masses,
             inertias,
             fixed_poses,
+            broad_phase: Mutex::default(),
         }))
     }
 

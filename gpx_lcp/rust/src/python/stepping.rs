@@ -14,8 +14,6 @@ use super::gauss_seidel::{Effort as SweepEffort, stop_name};
 use super::records::{Contacts, ProblemError, Stack, State, Table, same_length, table};
 use super::scene::{Bodies, detection_failed, layout};
 use super::system::{PresolveSummary, presolve_summary};
-use crate::exact::Law;
-use crate::program::Program;
 use crate::solving::{Answer, Details, Effort, Method, Status};
 use crate::stepping::{Conditions, Failure, Loads, Step as StepData, step};
 
@@ -205,11 +203,7 @@ fn effort(settings: &Bound<'_, PyDict>, tolerance: f64) -> PyResult<Effort> {
         "exact" => {
             let wanted: Wanted = settings.extract()?;
             Ok(Effort {
-                program: match wanted.law()? {
-                    Law::Normal => Program::Normal,
-                    Law::Cone => Program::Cone,
-                    Law::Coulomb => Program::Coulomb,
-                },
+                program: wanted.law()?.into(),
                 method: Method::Exact {
                     method: wanted.method()?,
                     tolerance: wanted.tolerance,

@@ -1,7 +1,5 @@
 //! A stacked system as the core holds it: handed over once, then solved and judged as often as one likes.
 
-use std::array::from_fn;
-
 use numpy::{
     PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
     PyUntypedArrayMethods,
@@ -139,27 +137,42 @@ impl System {
     fn residual(&self, law: &str, impulse: PyReadonlyArray1<'_, f64>) -> PyResult<f64> {
         let impulse = impulse.as_slice()?;
         same_length("impulse", impulse.len(), self.target.len())?;
-        Ok(self.relative_map(law_named(law)?, impulse))
+        Ok(self.residual_of(&law_named(law)?.into(), impulse))
     }
 }
 
 impl System {
-    /// ‖natural map‖/‖B‖ of impulses.
-    pub fn relative_map(&self, law: Law, impulse: &[f64]) -> f64 {
-        let program = match law {
-            Law::Normal => Program::Normal,
-            Law::Cone => Program::Cone,
-            Law::Coulomb => Program::Coulomb,
+    /// The start impulses, or none, where that is a solution; with its residual.
+    pub fn settled(
+        &self,
+        program: &Program,
+        start: &[f64],
+        tolerance: f64,
+    ) -> Option<(Vec<f64>, f64)> {
+        let system = (
+            self.friction.as_slice(),
+            self.scale.as_slice(),
+            self.target.as_slice(),
+        );
+        program.settled(system, start, self.residual_of(program, start), tolerance)
+    }
+
+    /// ‖natural map‖/‖B‖ of impulses, rows per contact. From Ĵ it is the same number, bit for bit, as in a native step.
+    pub fn residual_of(&self, program: &Program, impulse: &[f64]) -> f64 {
+        let velocity = match &self.operator {
+            Operator::Velocity(factor) => {
+                let (mut states, mut velocity) = (Vec::new(), Vec::new());
+                factor.gather(impulse, &mut states);
+                factor.spread(&states, &self.target, &mut velocity);
+                velocity
+            }
+            Operator::Impulse(matrix) => {
+                let mut product = vec![[0.0; 3]; self.friction.len()];
+                matrix.times(impulse, &mut product);
+                let product = product.iter().flat_map(|u| &u[..matrix.height]);
+                product.zip(&self.target).map(|(u, b)| u - b).collect()
+            }
         };
-        let rows = self.operator.rows();
-        let mut velocity = vec![[0.0; 3]; self.friction.len()];
-        let padded: Vec<[f64; 3]> = impulse
-            .chunks_exact(rows)
-            .map(|p| from_fn(|r| p.get(r).copied().unwrap_or(0.0)))
-            .collect();
-        self.operator.apply(&padded, &mut velocity, &mut Vec::new());
-        let product = velocity.iter().flat_map(|u| &u[..rows]);
-        let velocity: Vec<f64> = product.zip(&self.target).map(|(u, b)| u - b).collect();
         program.relative_map(
             &self.friction,
             &self.scale,
