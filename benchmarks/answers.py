@@ -30,6 +30,8 @@ def pack(answers: Sequence[Answer]) -> bytes:
             systems[id(answer.system)] = len(systems)
             arrays |= {f"system{len(systems) - 1}_{name}": value for name, value in _system(answer.system).items()}
         arrays[f"impulse{number}"] = answer.impulse
+        if answer.history:
+            arrays[f"history{number}"] = np.array(answer.history, dtype=np.float64)
         index.append({"system": systems[id(answer.system)], "program": answer.program, "facets": answer.facets})
     stream = io.BytesIO()
     np.savez_compressed(stream, index=np.array(json.dumps(index)), **arrays)
@@ -44,6 +46,7 @@ class Kept:
     impulse: Array
     program: str
     facets: int
+    history: Array
 
 
 class Archive:
@@ -82,7 +85,17 @@ class Archive:
             prefix = f"system{which}_"
             arrays = {name.removeprefix(prefix): a for name, a in self._arrays.items() if name.startswith(prefix)}
             self._systems[which] = _remade(arrays)
-        return Kept(self._systems[which], self._arrays[f"impulse{number}"], entry["program"], entry["facets"])
+        return Kept(
+            self._systems[which],
+            self._arrays[f"impulse{number}"],
+            entry["program"],
+            entry["facets"],
+            self.history(number),
+        )
+
+    def history(self, number: int) -> Array:
+        """Return the residual after so many iterations, (k, 2), of one answer; no rows where the solver told none."""
+        return self._arrays.get(f"history{number}", np.zeros((0, 2)))
 
 
 def file_recipe(path: Path) -> FileRecipe:

@@ -97,12 +97,15 @@ class Answer:
         The program that the solver solved on this very system, as in `formulations.RESIDUALS`; "" where the system was
         put together from outside, so that the solver's own word cannot be held against it.
     facets : int
+    history : sequence of (int, float)
+        Residual of the program after so many iterations, where the solver tells.
     """
 
     system: gpx.StackedSystem | FileRecipe
     impulse: Array
     program: str = ""
     facets: int = 0
+    history: Sequence[tuple[int, float]] = ()
 
 
 @dataclass(frozen=True)

@@ -136,7 +136,9 @@ class ProblemBench:
                 factorisations=solution.extras.get("factorisations"),
                 certificate=certificate,
                 reached=reached,
-                answer=Answer(self._kept, solution.impulse, solution.method.split("/")[0], DEFAULT_FACETS),
+                answer=Answer(
+                    self._kept, solution.impulse, solution.method.split("/")[0], DEFAULT_FACETS, solution.history
+                ),
                 figures={**self._figures, "time_limit": limit},
                 again=reached,
             ),

@@ -15,6 +15,7 @@ from benchmarks.arguments import add_effort, add_filters, add_seed, add_toleranc
 from benchmarks.fclib.baseline import read_baseline
 from benchmarks.fclib.batches import AUTOMATIC, NAME, Line, ProblemBatch, problem_batch
 from benchmarks.fclib.charts import accuracy_chart, profile_chart
+from benchmarks.fclib.convergence import convergence_chart, histories
 from benchmarks.fclib.problems import SHAKEN, find, own_problems, smallest_of_each_family
 from benchmarks.fclib.scores import Scores
 from benchmarks.fclib.tables import problem_table, ratio_table, remarks, solver_table
@@ -125,6 +126,7 @@ class Fclib:
         if scores.baseline:
             footer += f"\n{_of_baseline(scores.baseline.name)}"
         paths = accuracy_chart(scores, footer, out / "speed-accuracy")
+        paths += convergence_chart(scores, histories(scores, folder), footer, out / "convergence")
         for tolerance in scores.tolerances:
             paths += profile_chart(scores, tolerance, footer, out / f"profile-{scientific(tolerance)}")
         return paths

@@ -78,7 +78,7 @@ def test_every_problem_gets_a_row_for_each_solver_and_tolerance_and_a_broken_fil
     assert "Broken-1 cannot be read" in text
     assert "What this does not show" in text and "Its times come from another run" in text
     written = {path.name for path in (tmp_path / "out" / "fclib").iterdir()}
-    charts = {f"{stem}.{kind}" for stem in ("speed-accuracy", "profile-1e-4") for kind in ("png", "svg")}
+    charts = {f"{stem}.{kind}" for stem in ("speed-accuracy", "convergence", "profile-1e-4") for kind in ("png", "svg")}
     assert written == {"rows.parquet", "rows.csv", "tables.txt", "asked.json", "answers", "baseline"} | charts
     for name in charts:
         if name.endswith("png"):
