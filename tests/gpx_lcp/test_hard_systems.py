@@ -299,3 +299,15 @@ def test_a_falling_arch_falls_the_same_way_twice(solver):
         world.step(8)
     assert worlds[0].positions.tobytes() == worlds[1].positions.tobytes()
     assert worlds[0].velocities.tobytes() == worlds[1].velocities.tobytes()
+
+
+@pytest.mark.parametrize("solver", ["interior_point", "newton"])
+def test_a_contact_between_locked_bodies_opens_or_cannot_be(solver):
+    """Nothing moves the second contact: it is solved where it separates, and proved infeasible where it closes."""
+    A = np.zeros((6, 6))
+    A[:3, :3] = np.eye(3)
+    opening = gpx.solve(gpx.StackedSystem(A, [1.0, 0.1, 0.0, -1.0, 3.0, 0.0], [0.5, 0.5]), "coulomb", solver)
+    assert opening.status is gpx.Status.SOLVED
+    closing = gpx.solve(gpx.StackedSystem(A, [1.0, 0.1, 0.0, 1.0, 0.0, 0.0], [0.5, 0.5]), "coulomb", solver)
+    assert closing.status is gpx.Status.INFEASIBLE
+    np.testing.assert_array_equal(closing.extras["infeasibility"], [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])

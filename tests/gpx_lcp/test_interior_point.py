@@ -129,6 +129,12 @@ def test_history_falls_and_ends_at_the_residual(bricks):
     np.testing.assert_allclose(residuals[-1], solution.program_residual, rtol=1e-3, atol=1e-12)
 
 
+def test_extras_tell_what_the_factorisations_took(bricks):
+    solution = gpx.solve(bricks(6), "coulomb", "interior_point", presolve=False)
+    assert solution.extras["factorisations"] >= 1 and solution.extras["fill"] > 0
+    assert 0.0 < solution.extras["factor_seconds"] < solution.solve_seconds
+
+
 def test_a_setting_it_does_not_have_is_refused(bricks):
     with pytest.raises(gpx.SettingsError, match="relaxation"):
         gpx.solve(bricks(1), "coulomb", "interior_point", relaxation=1.0)

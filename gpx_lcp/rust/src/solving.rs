@@ -73,6 +73,7 @@ pub enum Details {
     Sweeps(Stop),
     Exact {
         factorisations: usize,
+        factor_time: Duration,
         fill: usize,
         fallbacks: Vec<&'static str>,
         infeasibility: Option<Vec<f64>>,
@@ -85,6 +86,7 @@ impl Details {
     fn unchanged() -> Self {
         Details::Exact {
             factorisations: 0,
+            factor_time: Duration::ZERO,
             fill: 0,
             fallbacks: Vec::new(),
             infeasibility: None,
@@ -224,6 +226,7 @@ fn answered(
         history: report.history,
         details: Details::Exact {
             factorisations: report.factorisations,
+            factor_time: report.factor_time,
             fill: report.fill,
             fallbacks: report.fallbacks,
             infeasibility: report.infeasibility,

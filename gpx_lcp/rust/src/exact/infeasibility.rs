@@ -25,6 +25,22 @@ const STEPS: usize = 4;
 
 /// Looks for y, up to a factor; the law of `problem` must not be Coulomb's.
 pub fn certificate(problem: &Problem) -> Option<Vec<Vector>> {
+    between_locked_bodies(problem)
+        .or_else(|| far_steps(problem))
+        .filter(|ray| proves(problem, ray))
+}
+
+/// The normal impulse of a contact that moves nothing and yet closes.
+fn between_locked_bodies(problem: &Problem) -> Option<Vec<Vector>> {
+    let closing = |i: &usize| problem.weight[*i] == 0.0 && problem.b[*i][0] > 0.0;
+    let contact = (0..problem.contacts()).find(closing)?;
+    let mut ray = vec![ZERO; problem.contacts()];
+    ray[contact][0] = 1.0;
+    Some(ray)
+}
+
+/// Where the steps of the proximal point method tend to.
+fn far_steps(problem: &Problem) -> Option<Vec<Vector>> {
     let mut system = NewtonSystem::new(&problem.operator);
     let mut before = vec![ZERO; problem.contacts()];
     let mut after = before.clone();
@@ -47,8 +63,12 @@ pub fn certificate(problem: &Problem) -> Option<Vec<Vector>> {
         return None;
     }
     ray.iter_mut().flatten().for_each(|value| *value /= size);
+    Some(ray)
+}
+
+fn proves(problem: &Problem, ray: &[Vector]) -> bool {
     let mut moved = vec![[0.0; 3]; ray.len()];
-    problem.operator.apply(&ray, &mut moved, &mut Vec::new());
+    problem.operator.apply(ray, &mut moved, &mut Vec::new());
     let gain: f64 = ray.iter().zip(&problem.b).map(|(y, b)| dot(y, b)).sum();
-    (gain > REACH * norm(&moved) && gain > 1e-6 * problem.b_norm()).then_some(ray)
+    gain > REACH * norm(&moved) && gain > 1e-6 * problem.b_norm()
 }

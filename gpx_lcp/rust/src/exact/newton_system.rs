@@ -10,6 +10,8 @@
 //! Both are factored in blocks with the pivots kept inside fronts; iterative refinement on the original system repairs
 //! what that costs. The pattern is analysed once per problem.
 
+use std::time::{Duration, Instant};
+
 use super::block_matrix::BlockMatrix;
 use super::linear::BlockLu;
 use super::small::{Matrix, Vector, ZERO, times};
@@ -103,6 +105,8 @@ pub struct NewtonSystem<'a> {
     residual: Vec<Vector>,
     scratch: Vec<f64>,
     pub factorisations: usize,
+    /// What they took, with the assembly of their blocks.
+    pub factor_time: Duration,
 }
 
 impl<'a> NewtonSystem<'a> {
@@ -128,6 +132,7 @@ impl<'a> NewtonSystem<'a> {
             residual: vec![ZERO; contacts],
             scratch: Vec::new(),
             factorisations: 0,
+            factor_time: Duration::ZERO,
         }
     }
 
@@ -168,6 +173,7 @@ impl<'a> NewtonSystem<'a> {
         if self.is_factored(blocks) {
             return;
         }
+        let began = Instant::now();
         self.blocks.copy_from_slice(blocks);
         for ((scale, block), weight) in self.row_scale.iter_mut().zip(blocks).zip(weight) {
             let largest = block
@@ -182,6 +188,7 @@ impl<'a> NewtonSystem<'a> {
         }
         self.lu.factor(&self.values);
         self.factorisations += 1;
+        self.factor_time += began.elapsed();
     }
 
     fn assemble_impulse(&mut self, a: &BlockMatrix) {

@@ -30,7 +30,7 @@ pub struct Problem {
     pub friction: Vec<f64>,
     /// Whether the friction coupling μ‖u_t‖ n is part of the law.
     pub coupled: bool,
-    /// d_i; a contact with d_i = 0 moves nothing and is left out.
+    /// d_i; a contact with d_i = 0 moves nothing, and its residual is what its own û leaves.
     pub weight: Vec<f64>,
     pub diagonal: Vec<Vector>,
     impulse_unit: f64,
@@ -224,9 +224,6 @@ impl Problem {
         let mut unused = IDENTITY;
         for (i, (p, u)) in p.iter().zip(u).enumerate() {
             let (d, u) = (self.weight[i], self.corrected(i, u));
-            if d == 0.0 {
-                continue;
-            }
             let aim = [d * p[0] - u[0], d * p[1] - u[1], d * p[2] - u[2]];
             let image = project(&aim, self.friction[i], &mut unused);
             let miss = [0, 1, 2].map(|k| {

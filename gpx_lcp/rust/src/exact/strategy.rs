@@ -6,6 +6,8 @@
 //! few digits, proximal Newton goes on, then the path is tried once more in long steps without regard to folds, which end
 //! elsewhere. A stronger smoothing of ‖u_t‖ bends the path, which helps where all that fails.
 
+use std::time::Duration;
+
 use super::active_set::active_set;
 use super::infeasibility::certificate;
 use super::interior_point::{Start, impulse_size, interior_point, stopping_impulses};
@@ -40,6 +42,7 @@ pub struct Report {
     /// Newton steps.
     pub iterations: usize,
     pub factorisations: usize,
+    pub factor_time: Duration,
     /// Values in the factors of one Newton system.
     pub fill: usize,
     pub history: Vec<(usize, f64)>,
@@ -58,6 +61,7 @@ impl Report {
             status: Status::Solved,
             iterations: 0,
             factorisations: 0,
+            factor_time: Duration::ZERO,
             fill: 0,
             history: vec![(0, residual)],
             fallbacks: Vec::new(),
@@ -176,6 +180,10 @@ pub fn solve(problem: &Problem, method: Method, limits: &Limits, start: Option<&
             .system
             .as_ref()
             .map_or(0, |system| system.factorisations),
+        factor_time: run
+            .system
+            .as_ref()
+            .map_or(Duration::ZERO, |system| system.factor_time),
         fill: run.system.as_ref().map_or(0, NewtonSystem::fill),
         history: best.history,
         fallbacks,

@@ -2,6 +2,7 @@
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
 
 use crate::exact::{self, Limits, Method, Operator, Problem, Report, Status};
 
@@ -129,6 +130,7 @@ pub fn solve(
         status: Status::Solved,
         iterations: 0,
         factorisations: 0,
+        factor_time: Duration::ZERO,
         fill: 0,
         history: Vec::new(),
         fallbacks: Vec::new(),
@@ -141,6 +143,7 @@ pub fn solve(
             .hypot(found.residual * size(&part.b) / whole);
         report.iterations = report.iterations.max(found.iterations);
         report.factorisations += found.factorisations;
+        report.factor_time += found.factor_time;
         report.fill += found.fill;
         for name in found.fallbacks {
             if !report.fallbacks.contains(&name) {

@@ -294,11 +294,13 @@ impl Step {
             Details::Sweeps(stop) => extras.set_item("stopped_by", stop_name(*stop))?,
             Details::Exact {
                 factorisations,
+                factor_time,
                 fill,
                 infeasibility,
                 ..
             } => {
                 extras.set_item("factorisations", factorisations)?;
+                extras.set_item("factor_seconds", factor_time.as_secs_f64())?;
                 extras.set_item("fill", fill)?;
                 if let Some(ray) = infeasibility {
                     let ray: Bound<'py, PyArray1<f64>> = ray.clone().into_pyarray(py);
