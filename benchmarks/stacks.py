@@ -102,7 +102,7 @@ def pressed(scene: gpx.Scene) -> gpx.Scene:
 
 
 def _heavy(ratio: float) -> StackScene:
-    return StackScene(f"10 cubes, top × {ratio:g}", lambda: pressed(gpx.scenes.heavy_on_light(10, ratio)))
+    return StackScene(f"10 cubes, top × {ratio:g}", lambda: pressed(gpx.scenes.heavy_on_light(10, ratio)), usual=False)
 
 
 # Scenes of thousands of bodies.
@@ -117,13 +117,15 @@ SCENES: Mapping[str, StackScene] = {
     "heavy-on-light": StackScene(
         "Heavy on light, 1000:1", lambda: pressed(gpx.scenes.heavy_on_light(2, 1000.0)), charted=True
     ),
-    "tower-100": StackScene("Tower of 100", lambda: pressed(gpx.scenes.tower(100))),
-    "wall-20": StackScene("Wall, 20 rows", lambda: pressed(gpx.scenes.wall(20))),
+    "tower-100": StackScene("Tower of 100", lambda: pressed(gpx.scenes.tower(100)), usual=False),
+    "wall-20": StackScene("Wall, 20 rows", lambda: pressed(gpx.scenes.wall(20)), usual=False),
     "heavy-10": _heavy(10.0),
     "heavy-100": _heavy(100.0),
     "heavy-1000": _heavy(1000.0),
     "towerg-30": StackScene("Tower of 30, gravity swings", lambda: pressed(gpx.scenes.tower(30)), swings=True),
-    "towerg-100": StackScene("Tower of 100, gravity swings", lambda: pressed(gpx.scenes.tower(100)), swings=True),
+    "towerg-100": StackScene(
+        "Tower of 100, gravity swings", lambda: pressed(gpx.scenes.tower(100)), swings=True, usual=False
+    ),
     "pile-1000": StackScene("1 000 balls fall", lambda: gpx.scenes.sphere_pile(1000), **LARGE, at_rest=False),
     "pile-8000": StackScene("8 000 balls fall", lambda: gpx.scenes.sphere_pile(8000), **LARGE, at_rest=False),
     "pyramid-100": StackScene("Pyramid of 5 050", lambda: pressed(gpx.scenes.pyramid(100)), **LARGE),

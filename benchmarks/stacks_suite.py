@@ -23,9 +23,9 @@ from benchmarks.sweep_costs import SCENES as SWEEP_SCENES
 from benchmarks.sweep_costs import SWEEP, sweep_batch
 from benchmarks.tables import moving_table, rate_table, ratio_table, reach_table, scene_table
 
-REPEATS, QUICK_REPEATS = 4, 2
+REPEATS, QUICK_REPEATS = 3, 2
 STEPS, QUICK_STEPS = 240, 20
-TIME_LIMIT, QUICK_TIME_LIMIT = 1.0, 0.3
+TIME_LIMIT, QUICK_TIME_LIMIT = 0.7, 0.3
 
 HEADINGS = {
     "cold": "Resting stacks, cold: the first step from touching rest",
