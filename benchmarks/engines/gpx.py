@@ -112,16 +112,7 @@ class GpxSimulation:
     def contacts(self) -> Contacts:
         """Return the contacts and impulses of the last step."""
         found = self._world.contacts
-        return Contacts(
-            body_a=found.body_a,
-            body_b=found.body_b,
-            point_a=found.point,
-            point_b=found.point,
-            normal=found.normal,
-            gap=found.gap,
-            friction=found.friction,
-            impulse=found.force * self._world.time_step,
-        )
+        return reported(found, found.force * self._world.time_step)
 
     def facts(self) -> StepFacts:
         """Return what the solution says."""
@@ -139,3 +130,17 @@ class GpxSimulation:
 
     def close(self) -> None:
         """Nothing to free."""
+
+
+def reported(found: gpx.Contacts, impulse: Array) -> Contacts:
+    """Return contacts of a world with impulses on body b, (n, 3) N s, in the world's frame."""
+    return Contacts(
+        body_a=found.body_a,
+        body_b=found.body_b,
+        point_a=found.point,
+        point_b=found.point,
+        normal=found.normal,
+        gap=found.gap,
+        friction=found.friction,
+        impulse=impulse,
+    )

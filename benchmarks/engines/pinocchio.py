@@ -24,6 +24,7 @@ import scipy.sparse as sp
 
 import gpx_lcp as gpx
 from benchmarks.bodies import Bodies
+from benchmarks.engines.gpx import reported
 from benchmarks.interface import Array, Contacts, Motion, Setting, StepFacts, scientific
 from benchmarks.machine import version_of
 from benchmarks.measures import predicted_velocity
@@ -132,16 +133,7 @@ class PinocchioStep:
         impulse = np.zeros(self._order.size)
         if self._converged is not None:
             impulse[self._order] = self._result.retrieveConstraintImpulses()
-        return Contacts(
-            body_a=found.body_a,
-            body_b=found.body_b,
-            point_a=found.point,
-            point_b=found.point,
-            normal=found.normal,
-            gap=found.gap,
-            friction=found.friction,
-            impulse=np.einsum("cr,crd->cd", impulse.reshape(-1, 3), found.frame),
-        )
+        return reported(found, np.einsum("cr,crd->cd", impulse.reshape(-1, 3), found.frame))
 
     def facts(self) -> StepFacts:
         """Return the solver's word and count."""

@@ -130,13 +130,7 @@ fn linearised(problem: &Problem, i: usize, p: &Vector, u: &Vector) -> (Matrix, V
             block[r][c] = gain * along[r] * along[c] + turning * turn / d * across[r] * across[c];
         }
     }
-    let slip = tangent_norm(u);
-    if problem.coupled && slip > 0.0 {
-        let coupling = [
-            [1.0, mu * u[1] / slip, mu * u[2] / slip],
-            IDENTITY[1],
-            IDENTITY[2],
-        ];
+    if let Some(coupling) = problem.coupling(mu, u) {
         block = product(&block, &coupling);
     }
     let (g, h, t) = (

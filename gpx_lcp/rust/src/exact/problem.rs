@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use super::block_matrix::ShapeError;
 use super::cones::project;
 use super::newton_system::Operator;
-use super::small::{IDENTITY, Vector, ZERO, dot, norm, tangent_norm};
+use super::small::{IDENTITY, Matrix, Vector, ZERO, dot, norm, tangent_norm};
 
 /// The law that the impulses obey.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -196,6 +196,18 @@ impl Problem {
         } else {
             *u
         }
+    }
+
+    /// The derivative of û by u, I + μ n t̂ᵀ; None where it is the identity.
+    pub fn coupling(&self, mu: f64, u: &Vector) -> Option<Matrix> {
+        let slip = tangent_norm(u);
+        (self.coupled && slip > 0.0).then(|| {
+            [
+                [1.0, mu * u[1] / slip, mu * u[2] / slip],
+                IDENTITY[1],
+                IDENTITY[2],
+            ]
+        })
     }
 
     /// The scale-free natural map at p.

@@ -17,7 +17,7 @@
 use super::cones::project;
 use super::newton_system::NewtonSystem;
 use super::problem::{Best, Limits, Problem};
-use super::small::{IDENTITY, Matrix, Vector, ZERO, dot, product, tangent_norm};
+use super::small::{IDENTITY, Matrix, Vector, ZERO, dot, product};
 
 /// The trust with which to start at rest, and near a solution.
 pub const COLD_TRUST: f64 = 1.0;
@@ -165,13 +165,7 @@ impl Trial {
             let aim = [0, 1, 2].map(|k| centre[i][k] - step * corrected[k]);
             let mut derivative = IDENTITY;
             let image = project(&aim, mu, &mut derivative);
-            let slip = tangent_norm(u);
-            if problem.coupled && slip > 0.0 {
-                let coupling = [
-                    [1.0, mu * u[1] / slip, mu * u[2] / slip],
-                    IDENTITY[1],
-                    IDENTITY[2],
-                ];
+            if let Some(coupling) = problem.coupling(mu, u) {
                 derivative = product(&derivative, &coupling);
             }
             self.blocks[i] = derivative.map(|line| line.map(|value| value * step));
