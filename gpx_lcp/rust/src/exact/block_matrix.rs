@@ -155,6 +155,49 @@ impl BlockMatrix {
         }
     }
 
+    /// The same block rows in another order: row i is what row order[i] was.
+    pub fn with_rows(&self, order: &[u32]) -> Self {
+        let area = self.height * self.width;
+        let mut result = Self::empty(self.height, self.width, self.block_columns);
+        result.columns.reserve_exact(self.columns.len());
+        result.values.reserve_exact(self.values.len());
+        for &row in order {
+            let range = self.starts[row as usize]..self.starts[row as usize + 1];
+            let values = &self.values[range.start * area..range.end * area];
+            result.columns.extend_from_slice(&self.columns[range]);
+            result.values.extend_from_slice(values);
+            result.starts.push(result.columns.len());
+        }
+        result
+    }
+
+    /// The same square matrix with rows and columns in another order; columns ascend.
+    pub fn with_rows_and_columns(&self, order: &[u32]) -> Self {
+        let area = self.height * self.width;
+        let mut place = vec![0; order.len()];
+        for (to, &from) in order.iter().enumerate() {
+            place[from as usize] = to as u32;
+        }
+        let mut result = self.with_rows(order);
+        let mut blocks: Vec<(u32, usize)> = Vec::new();
+        for row in result.starts.windows(2) {
+            blocks.clear();
+            let columns = result.columns[row[0]..row[1]].iter();
+            blocks.extend(columns.map(|&j| place[j as usize]).zip(row[0]..));
+            blocks.sort_unstable();
+            let values: Vec<f64> = blocks
+                .iter()
+                .flat_map(|&(_, at)| &result.values[at * area..][..area])
+                .copied()
+                .collect();
+            result.values[row[0] * area..row[1] * area].copy_from_slice(&values);
+            for (column, &(j, _)) in result.columns[row[0]..row[1]].iter_mut().zip(&blocks) {
+                *column = j;
+            }
+        }
+        result
+    }
+
     pub fn block_rows(&self) -> usize {
         self.starts.len() - 1
     }

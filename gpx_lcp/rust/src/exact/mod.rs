@@ -1,7 +1,7 @@
 //! Exact solvers: second-order methods for the frictionless, the convex and the exact Coulomb law.
 //!
 //! `active_set`, `interior_point`, `proximal_newton` and a few `sweeps` are the methods; `strategy` runs them one after
-//! another. Everything below them is shared: the problem without units, the cones, the Newton systems and their sparse
+//! another. Everything below them is shared: the problem without units and in an order of its own, the cones, the Newton systems and their sparse
 //! factorisation.
 
 mod active_set;
@@ -11,6 +11,7 @@ mod infeasibility;
 mod interior_point;
 mod linear;
 mod newton_system;
+mod order;
 mod problem;
 mod proximal_newton;
 mod small;
@@ -19,5 +20,6 @@ mod sweeps;
 
 pub use block_matrix::{BlockMatrix, ShapeError};
 pub use newton_system::Operator;
+pub use order::Contacts;
 pub use problem::{Law, Limits, Problem};
 pub use strategy::{Method, Report, Status, solve};

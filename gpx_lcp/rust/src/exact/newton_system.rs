@@ -14,6 +14,7 @@ use std::time::{Duration, Instant};
 
 use super::block_matrix::BlockMatrix;
 use super::linear::BlockLu;
+use super::order::Contacts;
 use super::small::{Matrix, Vector, ZERO, times};
 
 /// A, as itself or as Ĵ with A = Ĵ Ĵᵀ.
@@ -30,6 +31,24 @@ impl Operator {
 
     pub fn rows(&self) -> usize {
         self.matrix().height
+    }
+
+    /// The same contacts in another order: contact i is what contact order[i] was.
+    pub fn in_order(&self, order: &[u32]) -> Self {
+        match self {
+            Self::Impulse(a) => Self::Impulse(a.with_rows_and_columns(order)),
+            Self::Velocity(factor) => Self::Velocity(factor.with_rows(order)),
+        }
+    }
+
+    /// The contacts with their B and μ, to be compared.
+    pub fn described<'a>(&'a self, b: &'a [f64], friction: &'a [f64]) -> Contacts<'a> {
+        Contacts::new(
+            self.matrix(),
+            matches!(self, Self::Velocity(_)),
+            b,
+            friction,
+        )
     }
 
     fn matrix(&self) -> &BlockMatrix {

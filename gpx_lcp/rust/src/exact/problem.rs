@@ -1,8 +1,9 @@
-//! The contact problem as the exact solvers see it: without units, with its residual.
+//! The contact problem as the exact solvers see it: without units, in an order of its own, with its residual.
 //!
 //! A is divided by the mean of d_i = max diag(A_ii), and B by its root mean square over contacts, so that velocities and
 //! impulses are of size one and no constant in this folder has a unit. The residual is the scale-free natural map of the
-//! certificate, ‖d (p − P_K(p − û/d))‖ / ‖B‖, which the normalisation does not change.
+//! certificate, ‖d (p − P_K(p − û/d))‖ / ‖B‖, which the normalisation does not change. Under Coulomb's law, which may have
+//! several solutions, contacts are put in the order of `order`, which does not depend on the order they come in.
 
 use std::time::{Duration, Instant};
 
@@ -33,6 +34,8 @@ pub struct Problem {
     /// d_i; a contact with d_i = 0 moves nothing, and its residual is what its own û leaves.
     pub weight: Vec<f64>,
     pub diagonal: Vec<Vector>,
+    /// Where contact i comes from; None where the caller's order is kept.
+    order: Option<Vec<u32>>,
     impulse_unit: f64,
     b_norm: f64,
 }
@@ -113,6 +116,17 @@ impl Problem {
                 needed: contacts,
             });
         }
+        let frictionless = law == Law::Normal || rows == 1;
+        let coupled = law == Law::Coulomb && !frictionless;
+        let order = if coupled {
+            operator.described(b, friction).sorted()
+        } else {
+            None
+        };
+        let from = |i: usize| order.as_ref().map_or(i, |order| order[i] as usize);
+        if let Some(order) = &order {
+            operator = operator.in_order(order);
+        }
         let largest = |diagonal: &[Vector]| -> Vec<f64> {
             diagonal
                 .iter()
@@ -123,8 +137,8 @@ impl Problem {
         let matrix_unit = if mean > 0.0 { mean } else { 1.0 };
         operator.scale(1.0 / matrix_unit);
         let mut field = vec![ZERO; contacts];
-        for (vector, values) in field.iter_mut().zip(b.chunks_exact(rows)) {
-            vector[..rows].copy_from_slice(values);
+        for (i, vector) in field.iter_mut().enumerate() {
+            vector[..rows].copy_from_slice(&b[from(i) * rows..][..rows]);
         }
         let most = b.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
         let most = if most > 0.0 { most } else { 1.0 };
@@ -132,7 +146,6 @@ impl Problem {
         let size = norm(&field) / (contacts.max(1) as f64).sqrt();
         let size = if size > 0.0 { size } else { 1.0 };
         field.iter_mut().flatten().for_each(|value| *value /= size);
-        let frictionless = law == Law::Normal || rows == 1;
         let diagonal = operator.diagonal();
         Ok(Self {
             weight: largest(&diagonal),
@@ -144,9 +157,10 @@ impl Problem {
             friction: if frictionless {
                 vec![0.0; contacts]
             } else {
-                friction.to_vec()
+                (0..contacts).map(|i| friction[from(i)]).collect()
             },
-            coupled: law == Law::Coulomb && !frictionless,
+            coupled,
+            order,
         })
     }
 
@@ -159,26 +173,36 @@ impl Problem {
         self.b.len()
     }
 
-    /// Impulses in the caller's unit, rows per contact.
+    /// Impulses in the caller's unit and order, rows per contact.
     pub fn to_caller(&self, p: &[Vector]) -> Vec<f64> {
         let rows = self.operator.rows();
-        p.iter()
-            .flat_map(|part| part[..rows].iter().map(|value| value * self.impulse_unit))
-            .collect()
+        let mut result = vec![0.0; rows * p.len()];
+        for (i, part) in p.iter().enumerate() {
+            let out = &mut result[self.place(i) * rows..][..rows];
+            out.iter_mut()
+                .zip(part)
+                .for_each(|(out, value)| *out = value * self.impulse_unit);
+        }
+        result
     }
 
-    /// Impulses from the caller's unit.
+    /// Impulses from the caller's unit and order.
     pub fn from_caller(&self, p: &[f64]) -> Vec<Vector> {
         let rows = self.operator.rows();
-        let vector = |part: &[f64]| {
+        let vector = |i: usize| {
             let mut result = ZERO;
             result
                 .iter_mut()
-                .zip(part)
+                .zip(&p[self.place(i) * rows..][..rows])
                 .for_each(|(out, value)| *out = value / self.impulse_unit);
             result
         };
-        p.chunks_exact(rows).map(vector).collect()
+        (0..self.contacts()).map(vector).collect()
+    }
+
+    /// Where the caller has contact i.
+    fn place(&self, i: usize) -> usize {
+        self.order.as_ref().map_or(i, |order| order[i] as usize)
     }
 
     /// u = A p − B.

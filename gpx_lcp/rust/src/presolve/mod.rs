@@ -48,7 +48,7 @@ mod translational;
 pub use lift::Model;
 pub use solving::{Presolved, Size, Summary, solve, summary};
 
-use crate::exact::Law;
+use crate::exact::{Contacts, Law};
 
 /// What is rounding: of rows of Ĵ relative to their length, of B relative to its largest entry.
 const ROUNDING: f64 = 1e-12;
@@ -78,6 +78,19 @@ pub struct View<'a> {
 impl<'a> View<'a> {
     pub fn contacts(&self) -> usize {
         self.friction.len()
+    }
+
+    /// The contacts, to be compared.
+    fn described(&self) -> Contacts<'a> {
+        Contacts {
+            starts: self.starts,
+            columns: self.columns,
+            values: self.whitened,
+            area: self.rows * self.width,
+            of_bodies: true,
+            b: self.b,
+            friction: self.friction,
+        }
     }
 
     /// The blocks of a contact, by their place.

@@ -212,11 +212,11 @@ fn reduce(view: &View) -> Option<Reduced> {
         ..Summary::default()
     };
     let mut local = LocalBodies::new(view.bodies);
-    let islands = islands::islands(view);
+    let islands = in_order(view, islands::islands(view));
     summary.islands = islands.len();
     let alone = islands.len() == 1;
     let mut touched = 0;
-    for mut contacts in islands {
+    for contacts in islands {
         local.renumber(view, &contacts);
         touched += local.count();
         let whole = Size {
@@ -227,10 +227,6 @@ fn reduce(view: &View) -> Option<Reduced> {
         if inactive::nothing_closes(view, &contacts) {
             summary.count("inactive", 1, whole);
             continue;
-        }
-        let by_bodies = |one: &u32, other: &u32| view.bodies_of(*one).cmp(view.bodies_of(*other));
-        if !contacts.is_sorted_by(|one, other| by_bodies(one, other).is_le()) {
-            contacts.sort_by(by_bodies);
         }
         let part = smallest(view, &contacts, &local, alone)?;
         let left = Size {
@@ -269,6 +265,19 @@ fn reduce(view: &View) -> Option<Reduced> {
         parts,
         summary,
     })
+}
+
+/// Islands, and the contacts of each, in an order that does not depend on the order they came in, by bodies first.
+fn in_order(view: &View, mut islands: Vec<Vec<u32>>) -> Vec<Vec<u32>> {
+    let described = view.described();
+    let ascend = |one: &u32, other: &u32| described.compare(*one, *other);
+    for contacts in &mut islands {
+        if !contacts.is_sorted_by(|one, other| ascend(one, other).is_le()) {
+            contacts.sort_by(ascend);
+        }
+    }
+    islands.sort_by(|one, other| ascend(&one[0], &other[0]));
+    islands
 }
 
 /// Small parts of the same shape go together, as one: each by itself takes longer to begin than to solve.

@@ -1,0 +1,106 @@
+//! An order of contacts that depends on nothing but the contacts.
+//!
+//! Coulomb's law can have several exact solutions, and rounding decides which of them a method ends at. The sums of a
+//! method are rounded in the order of the contacts, so that the order would decide, if contacts were not sorted first. Two
+//! contacts that compare as equal are the same contact twice, and exchanging them exchanges nothing.
+//!
+//! Where A is all there is, its rows cannot be compared without an order of the contacts. There B, μ and the contact's own
+//! block decide, and contacts that share all three, as in a symmetric scene, stay as they came.
+
+use std::cmp::Ordering;
+
+use super::block_matrix::BlockMatrix;
+
+/// Contacts by the bodies they join and the blocks of Ĵ, by B and μ.
+#[derive(Clone, Copy)]
+pub struct Contacts<'a> {
+    pub starts: &'a [usize],
+    pub columns: &'a [u32],
+    pub values: &'a [f64],
+    /// Values in a block.
+    pub area: usize,
+    /// Whether the columns are bodies, and not the contacts themselves.
+    pub of_bodies: bool,
+    pub b: &'a [f64],
+    pub friction: &'a [f64],
+}
+
+impl<'a> Contacts<'a> {
+    pub fn new(
+        matrix: &'a BlockMatrix,
+        of_bodies: bool,
+        b: &'a [f64],
+        friction: &'a [f64],
+    ) -> Self {
+        Self {
+            starts: &matrix.starts,
+            columns: &matrix.columns,
+            values: &matrix.values,
+            area: matrix.height * matrix.width,
+            of_bodies,
+            b,
+            friction,
+        }
+    }
+
+    /// Bodies first, so that contacts of the same pair stay together.
+    pub fn compare(&self, one: u32, other: u32) -> Ordering {
+        let bodies = if self.of_bodies {
+            self.bodies(one).cmp(self.bodies(other))
+        } else {
+            Ordering::Equal
+        };
+        bodies
+            .then_with(|| in_order(self.target(one), self.target(other)))
+            .then_with(|| in_order(self.blocks(one), self.blocks(other)))
+            .then_with(|| {
+                let mu = |contact: u32| self.friction[contact as usize];
+                mu(one).total_cmp(&mu(other))
+            })
+    }
+
+    /// The contacts in order; None where they are already.
+    pub fn sorted(&self) -> Option<Vec<u32>> {
+        let mut order: Vec<u32> = (0..self.friction.len() as u32).collect();
+        let ascend = |one: &u32, other: &u32| self.compare(*one, *other);
+        if order.is_sorted_by(|one, other| ascend(one, other).is_le()) {
+            return None;
+        }
+        order.sort_by(ascend);
+        Some(order)
+    }
+
+    fn bodies(&self, contact: u32) -> &'a [u32] {
+        &self.columns[self.starts[contact as usize]..self.starts[contact as usize + 1]]
+    }
+
+    fn target(&self, contact: u32) -> &'a [f64] {
+        let rows = self.b.len() / self.friction.len();
+        &self.b[contact as usize * rows..][..rows]
+    }
+
+    /// Of a matrix over bodies all blocks, else the contact's own.
+    fn blocks(&self, contact: u32) -> &'a [f64] {
+        let (begin, end) = (
+            self.starts[contact as usize],
+            self.starts[contact as usize + 1],
+        );
+        if self.of_bodies {
+            return &self.values[begin * self.area..end * self.area];
+        }
+        let own = self.columns[begin..end]
+            .iter()
+            .position(|&column| column == contact);
+        own.map_or(&[], |at| {
+            &self.values[(begin + at) * self.area..][..self.area]
+        })
+    }
+}
+
+fn in_order(one: &[f64], other: &[f64]) -> Ordering {
+    one.iter()
+        .zip(other)
+        .map(|(x, y)| x.total_cmp(y))
+        .find(|order| order.is_ne())
+        .unwrap_or(Ordering::Equal)
+}
