@@ -18,6 +18,7 @@ from gpx_lcp import _core
 from gpx_lcp.solution import Solution, Status
 from gpx_lcp.solve import judged, posed
 from gpx_lcp.solvers import Outcome, Request, Solver
+from gpx_lcp.staged import stacked_system
 
 
 @dataclass(frozen=True)
@@ -51,8 +52,9 @@ class NativeSolver:
             "without_friction": self.row.native(self.without_friction),
         }
 
-    def solution(self, step: _core.Step, system: StackedSystem) -> Solution:
-        """Return the judged Solution of a step from the system that it solved."""
+    def solution(self, step: _core.Solved) -> Solution:
+        """Return the judged Solution of a step."""
+        system = stacked_system(step.stack)
         asked = self.without_friction if step.frictionless else self.with_friction
         request = replace(asked, system=system)
         extras = step.extras

@@ -17,33 +17,31 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import cache
 from os import PathLike
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse as sp
-from scipy.spatial.transform import Rotation
 
 from formulations import StackedSystem
 from formulations.checks import Array, as_array, freeze
 from gpx_lcp import _core
 from gpx_lcp.contacts import Contacts
 from gpx_lcp.errors import ProblemError, SettingsError
-from gpx_lcp.impact_laws import Stage, checked_impact_speed, impact_stage, law_named
+from gpx_lcp.impact_laws import checked_impact_speed, law_named
 from gpx_lcp.inhabitants import Inhabitants, table
-from gpx_lcp.instant import Instant
 from gpx_lcp.native import NativeSolver
-from gpx_lcp.scene import Body, Scene, checked_orientation
+from gpx_lcp.population import Population
+from gpx_lcp.scene import Scene
 from gpx_lcp.snapshot import ContactArrays, Snapshot
-from gpx_lcp.solution import Solution, Status
+from gpx_lcp.solution import Solution
 from gpx_lcp.solve import solve
 from gpx_lcp.solvers import solvers
+from gpx_lcp.staged import Impacts, naming_the_law, solve_step, stacked_system
 
 
-class World:
+class World(Population):
     """A scene in motion.
 
     Parameters
@@ -126,6 +124,7 @@ class World:
         self._time_step = _checked_time_step(time_step)
         # The time, and the steps taken, when the length of a step was last changed.
         self._clock = 0.0, 0
+        self._solution: Solution | None = None
         self._effort: Mapping[str, Any] = {
             "solver": solver,
             "formulation": formulation,
@@ -153,26 +152,12 @@ class World:
         self._law = law_named("impact_law", impact_law)
         self._impact_speed = None if impact_speed is None else checked_impact_speed(impact_speed)
 
+        self._core = _core.World(self._warm_start)
         bodies = scene.bodies
-        self._inhabit(Inhabitants.of(bodies, scene.fixed))
+        place = table(bodies, "position"), table(bodies, "orientation", width=4)
+        self._populate(Inhabitants.of(bodies, scene.fixed), *place, table(bodies, "velocity", "angular_velocity"))
         self.gravity = scene.gravity
         self.forces = table(bodies, "force", "torque")
-        state = _core.State(
-            table(bodies, "position"),
-            table(bodies, "orientation", width=4),
-            table(bodies, "velocity", "angular_velocity"),
-        )
-        self._now = Instant(steps=0, unsolved=0, state=state, time_step=self._time_step)
-
-    @property
-    def bodies(self) -> tuple[Body, ...]:
-        """The moving bodies as they were added, in the order of the arrays."""
-        return self._inhabitants.bodies
-
-    @property
-    def fixed(self) -> tuple[Body, ...]:
-        """The bodies that never move."""
-        return self._inhabitants.fixed
 
     @property
     def time_step(self) -> float:
@@ -183,58 +168,33 @@ class World:
     def time_step(self, value: float) -> None:
         value = _checked_time_step(value)
         if value != self._time_step:
-            self._clock = self.time, self._now.steps
+            self._clock = self.time, self.steps
             self._time_step = value
+            self._set_conditions()
 
     @property
     def steps(self) -> int:
         """How many steps the world has taken."""
-        return self._now.steps
+        return self._core.steps
 
     @property
     def time(self) -> float:
         """Time since the start, s."""
         since, steps = self._clock
-        return since + (self._now.steps - steps) * self._time_step
-
-    @property
-    def positions(self) -> Array:
-        """Centres of mass, (bodies, 3), m."""
-        return freeze(self._now.state.positions)
-
-    @positions.setter
-    def positions(self, value: npt.ArrayLike) -> None:
-        self._now = self._now.placed(positions=as_array("positions", value, (len(self.bodies), 3)))
-
-    @property
-    def orientations(self) -> Array:
-        """Unit quaternions w, x, y, z from the body's frame to the world's, (bodies, 4)."""
-        return freeze(self._now.state.orientations)
-
-    @orientations.setter
-    def orientations(self, value: npt.ArrayLike) -> None:
-        rows = as_array("orientations", value, (len(self.bodies), 4))
-        checked = [checked_orientation(body.name, row) for body, row in zip(self.bodies, rows, strict=True)]
-        self._now = self._now.placed(orientations=np.array(checked).reshape(-1, 4))
-
-    @property
-    def velocities(self) -> Array:
-        """Linear (m/s) and angular (rad/s) velocities, world frame, (bodies, 6)."""
-        return freeze(self._now.state.velocities)
-
-    @velocities.setter
-    def velocities(self, value: npt.ArrayLike) -> None:
-        self._now = self._now.placed(velocities=as_array("velocities", value, (len(self.bodies), 6)))
+        return since + (self.steps - steps) * self._time_step
 
     @property
     def solution(self) -> Solution | None:
         """What the solver gave in the last step; None before the first, and until the next after a restore."""
-        return None if self._now.solution is None else self._now.solution()
+        solved = self._core.solved if self._solution is None else None
+        if solved is not None and self._native is not None:
+            self._solution = naming_the_law(self._law, solved.stack, self._native.solution(solved))
+        return self._solution
 
     @property
     def unsolved_steps(self) -> int:
         """How many of the steps so far ended above the tolerance: their solution's status is not SOLVED."""
-        return self._now.unsolved
+        return self._core.unsolved
 
     @property
     def gravity(self) -> Array:
@@ -244,6 +204,7 @@ class World:
     @gravity.setter
     def gravity(self, value: npt.ArrayLike) -> None:
         self._gravity = freeze(as_array("gravity", value, (3,)))
+        self._set_conditions()
 
     @property
     def impact_speed(self) -> float:
@@ -251,15 +212,6 @@ class World:
         if self._impact_speed is not None:
             return self._impact_speed
         return 2.0 * float(np.linalg.norm(self._gravity)) * self._time_step
-
-    @property
-    def forces(self) -> Array:
-        """Forces (N) and torques (N m) that act in every step, world frame, (bodies, 6)."""
-        return self._forces
-
-    @forces.setter
-    def forces(self, value: npt.ArrayLike) -> None:
-        self._forces = as_array("forces", value, (len(self.bodies), 6))
 
     def step(self, steps: int = 1) -> None:
         """Take `steps` steps.
@@ -275,145 +227,17 @@ class World:
         BackendError
             When the solver's backend fails in a way of its own.
         """
-        if isinstance(steps, bool) or not isinstance(steps, int | np.integer) or steps < 0:
-            raise SettingsError(f"steps is {steps!r}: it must be a whole number, not negative")
+        # What it costs to ask counts here: two cubes at rest take the core three microseconds.
+        if type(steps) is not int or steps < 0:
+            steps = _checked_steps(steps)
         if self._native is not None:
-            self._take_native_steps(self._native, int(steps))
+            self._solution = None
+            body = self._core.step(steps, self._forces)
+            if body is not None:
+                raise self._not_finite(body)
             return
         for _ in range(steps):
-            self._now = self._next()
-
-    def add(self, body: Body) -> Body:
-        """Add a body that a Scene has made: `ball = world.add(gpx.Scene().add_rigid(gpx.Sphere(0.5), 1.0))`.
-
-        It starts where it was added to its scene, with the velocity, force and torque that it has there. Contacts of
-        the other bodies keep their impulses for the warm start.
-
-        Returns
-        -------
-        Body
-            The same with its row in the arrays of this world, one of `world.bodies` or `world.fixed` from now on.
-        """
-        if not isinstance(body, Body):
-            raise ProblemError(f"body is a {type(body).__name__}: a Body, as Scene.add_rigid makes it, is needed")
-        inhabitants, added = self._inhabitants.with_body(body)
-        state, now = self._now.state, self._now
-        if added.index >= 0:
-            one = (added,)
-            now = now.with_body(inhabitants.core, added.index).placed(
-                positions=np.vstack((state.positions, table(one, "position"))),
-                orientations=np.vstack((state.orientations, table(one, "orientation", width=4))),
-                velocities=np.vstack((state.velocities, table(one, "velocity", "angular_velocity"))),
-            )
-            self._forces = np.vstack((self._forces, table(one, "force", "torque")))
-        self._now = now
-        self._inhabit(inhabitants)
-        return added
-
-    def remove(self, body: Body | str | int) -> None:
-        """Remove a body.
-
-        The moving bodies behind it move up by one row: take them from `world.bodies` again, which has them with their
-        new index. Contacts that stay keep their impulses for the warm start.
-
-        Parameters
-        ----------
-        body : Body, str or int
-            One of `world.bodies` or `world.fixed`, or its name, or the row of a moving one.
-        """
-        number = self._inhabitants.number(body)
-        inhabitants = self._inhabitants.without_body(number)
-        state, now = self._now.state, self._now.without_body(inhabitants.core, number)
-        if number < len(self.bodies):
-            now = now.placed(
-                positions=np.delete(state.positions, number, axis=0),
-                orientations=np.delete(state.orientations, number, axis=0),
-                velocities=np.delete(state.velocities, number, axis=0),
-            )
-            self._forces = np.delete(self._forces, number, axis=0)
-        self._now = now
-        self._inhabit(inhabitants)
-
-    def move(
-        self,
-        body: Body | str | int,
-        *,
-        position: npt.ArrayLike | None = None,
-        orientation: npt.ArrayLike | None = None,
-        velocity: npt.ArrayLike | None = None,
-        angular_velocity: npt.ArrayLike | None = None,
-    ) -> None:
-        """Put a moving body somewhere else or give it another velocity, at once; what is not given stays.
-
-        `positions`, `orientations` and `velocities` may be set as a whole, too.
-
-        Parameters
-        ----------
-        body : Body, str or int
-            One of `world.bodies`, or its name or row.
-        position, orientation, velocity, angular_velocity
-            As in `Body`.
-        """
-        moving = self._inhabitants.moving(body)
-        row, name = moving.index, moving.name
-        state = self._now.state
-        positions, orientations, velocities = state.positions, state.orientations, state.velocities
-        if position is not None:
-            positions[row] = as_array(f"position of {name}", position, (3,))
-        if orientation is not None:
-            orientations[row] = checked_orientation(name, orientation)
-        if velocity is not None:
-            velocities[row, :3] = as_array(f"velocity of {name}", velocity, (3,))
-        if angular_velocity is not None:
-            velocities[row, 3:] = as_array(f"angular_velocity of {name}", angular_velocity, (3,))
-        self._now = self._now.placed(positions, orientations, velocities)
-
-    def apply_force(
-        self,
-        body: Body | str | int,
-        force: npt.ArrayLike = (0.0, 0.0, 0.0),
-        *,
-        torque: npt.ArrayLike = (0.0, 0.0, 0.0),
-        point: npt.ArrayLike | None = None,
-    ) -> None:
-        """Add a force and a torque to those that act on a body in every step from now on: to its row of `forces`.
-
-        Parameters
-        ----------
-        body : Body, str or int
-            One of `world.bodies`, or its name or row.
-        force : (3,) array, N
-            World frame.
-        torque : (3,) array, N m
-            World frame.
-        point : (3,) array, m, optional
-            Where the force acts, world frame; the centre of mass unless given. Its torque is that of the body's present
-            position and does not follow the body as it moves.
-        """
-        moving = self._inhabitants.moving(body)
-        self._forces[moving.index] += self._wrench(moving, "force", force, "torque", torque, point)
-
-    def apply_impulse(
-        self,
-        body: Body | str | int,
-        impulse: npt.ArrayLike = (0.0, 0.0, 0.0),
-        *,
-        angular_impulse: npt.ArrayLike = (0.0, 0.0, 0.0),
-        point: npt.ArrayLike | None = None,
-    ) -> None:
-        """Change the velocity of a body at once, by M⁻¹ times an impulse (N s) and an angular impulse (N m s).
-
-        The parameters are those of `apply_force`. A body that does not rotate keeps its angular velocity.
-        """
-        moving = self._inhabitants.moving(body)
-        wrench = self._wrench(moving, "impulse", impulse, "angular_impulse", angular_impulse, point)
-        velocity = self._now.state.velocities[moving.index]
-        velocity[:3] += wrench[:3] / moving.mass
-        if moving.inertia.any():
-            w, *xyz = self._now.state.orientations[moving.index]
-            turn = Rotation.from_quat([*xyz, w])
-            velocity[3:] += turn.apply(np.linalg.solve(moving.inertia, turn.inv().apply(wrench[3:])))
-        self.move(moving, velocity=velocity[:3], angular_velocity=velocity[3:])
+            self._take_step()
 
     def snapshot(self) -> bytes:
         """Return all that the world is at this instant, bit by bit: what `restore` and `load` take.
@@ -421,30 +245,30 @@ class World:
         They are the bytes of an `.npz` file: bodies, state, gravity, forces, time, the contacts of the last step with
         their impulses, and the settings of the solver.
         """
-        now, contacts = self._now, self._now.contacts
+        contacts, impulse = self._core.contacts, self._core.impulse()
         return Snapshot(
             options=self._options,
             bodies=self.bodies,
             fixed=self.fixed,
-            steps=now.steps,
-            unsolved=now.unsolved,
+            steps=self.steps,
+            unsolved=self.unsolved_steps,
             time_step=self._time_step,
             clock=self._clock,
             gravity=self._gravity,
             forces=self._forces,
-            positions=now.state.positions,
-            orientations=now.state.orientations,
-            velocities=now.state.velocities,
-            last_time_step=now.time_step,
+            positions=self._core.positions,
+            orientations=self._core.orientations,
+            velocities=self._core.velocities,
+            last_time_step=self._time_step if impulse is None else impulse[1],
             contacts=None
-            if contacts is None
+            if contacts is None or impulse is None
             else ContactArrays(
                 pairs=contacts.pairs,
                 features=contacts.features,
                 points=contacts.points,
                 frames=contacts.frames,
                 gaps=contacts.gaps,
-                impulse=now.impulse,
+                impulse=impulse[0],
             ),
         ).to_bytes()
 
@@ -489,46 +313,23 @@ class World:
             numbers = stored.pairs, stored.features, stored.points, stored.frames.reshape(-1, 9), stored.gaps
             contacts = _core.Contacts(inhabitants.core, *numbers)
             impulse = stored.impulse
-        self._inhabit(inhabitants)
+        self._populate(inhabitants, read.positions, read.orientations, read.velocities)
+        self._core.resume(read.steps, read.unsolved, contacts, impulse, read.last_time_step)
         self._time_step, self._clock = read.time_step, read.clock
+        self._solution = None
         self.gravity, self.forces = read.gravity, read.forces
-        self._now = Instant(
-            steps=read.steps,
-            unsolved=read.unsolved,
-            state=_core.State(read.positions, read.orientations, read.velocities),
-            time_step=read.last_time_step,
-            contacts=contacts,
-            impulse=impulse,
-        )
-
-    def _wrench(
-        self,
-        body: Body,
-        linear_name: str,
-        linear: npt.ArrayLike,
-        angular_name: str,
-        angular: npt.ArrayLike,
-        point: npt.ArrayLike | None,
-    ) -> Array:
-        """Return (6,): a force or impulse, and with its moment about the centre of mass a torque or angular impulse."""
-        force = as_array(f"{linear_name} on {body.name}", linear, (3,))
-        torque = as_array(f"{angular_name} on {body.name}", angular, (3,))
-        if point is not None:
-            arm = as_array(f"point on {body.name}", point, (3,)) - self._now.state.positions[body.index]
-            torque += np.cross(arm, force)
-        return np.concatenate((force, torque))
 
     def system(self) -> StackedSystem:
         """Return the stacked system that the next step would solve."""
         free = self._free_velocities()
-        return self._system(self._stack(self._detect(free), free))
+        return stacked_system(self._core.stack(self._core.detect(free), free))
 
     def collision(self) -> tuple[StackedSystem, Array]:
         """Return the system, B = -J v, and the restitutions (n, 2) of what touches now and moves as it does now."""
-        velocities = self._now.state.velocities
-        contacts = self._detect(np.zeros_like(velocities))
-        stack = self._stack(contacts, velocities)
-        step = self._system(stack)
+        velocities = self._core.velocities
+        contacts = self._core.detect(np.zeros_like(velocities))
+        stack = self._core.stack(contacts, velocities)
+        step = stacked_system(stack)
         assert step.jacobian is not None and step.free_velocity is not None
         system = StackedSystem.from_jacobian(
             step.jacobian,
@@ -542,10 +343,11 @@ class World:
     @property
     def contacts(self) -> Contacts:
         """The contacts of the last step with their impulses; before the first step, those of the start without any."""
-        contacts, impulse = self._now.contacts, self._now.impulse_of_rows(3)
-        if contacts is None:
-            contacts = self._detect(self._free_velocities())
-            impulse = np.zeros((len(contacts), 3))
+        contacts, found = self._core.contacts, self._core.impulse(3)
+        if contacts is None or found is None:
+            contacts = self._core.detect(self._free_velocities())
+            found = np.zeros((len(contacts), 3)), self._time_step
+        impulse, time_step = found
         frames = contacts.frames
         return Contacts(
             body_a=contacts.body_a,
@@ -556,7 +358,7 @@ class World:
             gap=contacts.gaps,
             friction=contacts.friction,
             impulse=impulse,
-            force=np.einsum("kr,krx->kx", impulse, frames) / self._now.time_step,
+            force=np.einsum("kr,krx->kx", impulse, frames) / time_step,
         )
 
     def __repr__(self) -> str:
@@ -567,141 +369,43 @@ class World:
             inhabitants = replace(inhabitants, rows=3, columns=6)
         self._inhabitants = inhabitants
         self._native = NativeSolver.of(inhabitants.rows, self._effort) if self._law.in_core else None
-        self._native_settings = {} if self._native is None else self._native.settings()
+        settings = None if self._native is None else self._native.settings()
+        self._core.configure(inhabitants.rows, inhabitants.columns, settings)
+
+    def _populate(self, inhabitants: Inhabitants, positions: Array, orientations: Array, velocities: Array) -> None:
+        self._core.populate(inhabitants.core, positions, orientations, velocities)
+        self._inhabit(inhabitants)
+
+    def _set_conditions(self) -> None:
+        self._core.set_conditions(self._time_step, self._gravity.tolist(), self.impact_speed)
 
     def _free_velocities(self) -> Array:
-        forces = as_array("forces", self._forces, (len(self.bodies), 6))
-        free = self._inhabitants.core.free_velocities(self._now.state, forces, self._gravity_numbers(), self._time_step)
-        self._require_finite(free)
-        return free
-
-    def _gravity_numbers(self) -> tuple[float, float, float]:
-        x, y, z = self._gravity.tolist()
-        return x, y, z
-
-    def _detect(self, free: Array) -> _core.Contacts:
-        return self._inhabitants.core.detect(self._now.state, free, self._time_step)
-
-    def _stack(self, contacts: _core.Contacts, free: Array) -> _core.Stack:
-        return self._inhabitants.core.stack(
-            self._now.state,
-            contacts,
-            free,
-            self._time_step,
-            self.impact_speed,
-            self._inhabitants.rows,
-            self._inhabitants.columns,
-        )
-
-    @staticmethod
-    def _system(stack: _core.Stack) -> StackedSystem:
-        starts, columns, blocks, whitened = stack.jacobian()
-        inverse_mass = stack.inverse_mass()
-        shape = ((starts.size - 1) * blocks.shape[1], inverse_mass.shape[0] * inverse_mass.shape[1])
-        return StackedSystem.from_jacobian(
-            sp.bsr_array((blocks, columns, starts), shape=shape),
-            inverse_mass,
-            stack.target,
-            stack.friction,
-            free_velocity=stack.free_velocities.ravel(),
-            whitened_blocks=whitened,
-        )
-
-    def _next(self) -> Instant:
-        """Take one step, stage by stage."""
-        now = self._now
-        free = self._free_velocities()
-        contacts = self._detect(free)
-        stack = self._stack(contacts, free)
-        system, stage = self._system(stack), None
-        if not self._law.in_core and stack.impacts.any():
-            stage = self._impacts(system, stack, contacts)
-            system = stage.system
-        start = None
-        if self._warm_start and now.contacts is not None:
-            last = now.start_impulse(3, self._time_step)
-            start = self._inhabitants.core.match_impulses(contacts, now.contacts, last)[:, : system.rows]
-        solution = solve(system, warm_start=start, **self._effort)
-        failed, impulse = solution.status is not Status.SOLVED, solution.impulse
-        if stage is not None:
-            failed, impulse = failed or stage.impact.status is not Status.SOLVED, impulse + stage.impulse
-            solution = replace(solution, extras={**solution.extras, "impact": stage.impact})
-        solution = self._naming_the_law(stack, solution)
-        moved = self._inhabitants.core.moved
-        state = moved(now.state, contacts, stack, self._forces, impulse.ravel(), self._time_step)
-        self._require_finite(np.hstack((state.positions, state.orientations, state.velocities)))
-        return Instant(
-            steps=now.steps + 1,
-            unsolved=now.unsolved + failed,
-            state=state,
-            time_step=self._time_step,
-            contacts=contacts,
-            impulse=impulse,
-            solution=lambda: solution,
-        )
-
-    def _impacts(self, system: StackedSystem, stack: _core.Stack, contacts: _core.Contacts) -> Stage:
-        """Let the impact law have its stage."""
-        velocities = self._now.state.velocities[:, : self._inhabitants.columns].ravel()
-        found = contacts.gaps, stack.restitution, stack.impacts
-        frictionless = self._effort["formulation"] == "normal"
-        return impact_stage(
-            self._law, system, velocities, found, self.impact_speed, self._time_step, frictionless=frictionless
-        )
-
-    def _naming_the_law(self, stack: _core.Stack, solution: Solution) -> Solution:
-        """Return the solution of a step, with the law of its impacts in its method if there are any."""
-        if not stack.impacts.any():
-            return solution
-        return replace(solution, method=f"{self._law.name} impact, {solution.method}")
-
-    def _take_native_steps(self, native: NativeSolver, count: int) -> None:
-        """Take steps in one call of the core; whatever ends it early, the whole steps before that count."""
-        now = self._now
-        asked = {
-            "time_step": self._time_step,
-            "gravity": self._gravity_numbers(),
-            "impact_speed": self.impact_speed,
-            "forces": as_array("forces", self._forces, (len(self.bodies), 6)),
-            "rows": self._inhabitants.rows,
-            "columns": self._inhabitants.columns,
-            "warm_start": self._warm_start,
-            **self._native_settings,
-        }
-        step, body, error = _core.take_steps(
-            self._inhabitants.core,
-            now.state,
-            now.contacts,
-            now.start_impulse(self._inhabitants.rows, self._time_step),
-            asked,
-            count,
-        )
-        if step is not None:
-            self._now = Instant(
-                steps=now.steps + step.steps,
-                unsolved=now.unsolved + step.unsolved,
-                state=step.state,
-                time_step=self._time_step,
-                contacts=step.contacts,
-                impulse=step.impulse,
-                solution=cache(
-                    lambda: self._naming_the_law(step.stack, native.solution(step, self._system(step.stack)))
-                ),
-                step=step,
-            )
-        if body is not None:
-            raise self._not_finite(body)
-        if error is not None:
-            raise error
-
-    def _require_finite(self, numbers: Array) -> None:
-        finite = np.isfinite(numbers).all(axis=1)
+        as_array("forces", self._forces, (len(self.bodies), 6))
+        free = self._core.free_velocities(self._forces)
+        finite = np.isfinite(free).all(axis=1)
         if not finite.all():
             raise self._not_finite(int(np.argmin(finite)))
+        return free
+
+    def _take_step(self) -> None:
+        """Take one step, stage by stage."""
+        free = self._free_velocities()
+        contacts = self._core.detect(free)
+        stack = self._core.stack(contacts, free)
+        before = self._core.velocities[:, : self._inhabitants.columns].ravel()
+        start = self._core.start_impulses(contacts) if self._warm_start else None
+        solution, impulse, failed = solve_step(
+            stack, contacts, start, self._effort, Impacts(self._law, before, self.impact_speed, self._time_step)
+        )
+        body = self._core.advance(contacts, stack, impulse, failed)
+        if body is not None:
+            raise self._not_finite(body)
+        self._solution = solution
 
     def _not_finite(self, body: int) -> ProblemError:
+        as_array("forces", self._forces, (len(self.bodies), 6))
         return ProblemError(
-            f"the state of {self.bodies[body].name} is not finite after step {self._now.steps + 1}: "
+            f"the state of {self.bodies[body].name} is not finite after step {self.steps + 1}: "
             "is the time step too long for its forces?"
         )
 
@@ -714,3 +418,9 @@ def _checked_time_step(time_step: float) -> float:
     if not (np.isfinite(value) and value > 0):
         raise SettingsError(f"time_step is {value:g}: it must be positive and finite")
     return value
+
+
+def _checked_steps(steps: Any) -> int:
+    if isinstance(steps, bool) or not isinstance(steps, int | np.integer) or steps < 0:
+        raise SettingsError(f"steps is {steps!r}: it must be a whole number, not negative")
+    return int(steps)

@@ -406,7 +406,7 @@ def test_an_interrupt_inside_a_step_taken_stage_by_stage_keeps_the_last_whole_st
             raise KeyboardInterrupt
         return gpx.solve(*args, **kwargs)
 
-    monkeypatch.setattr("gpx_lcp.world.solve", interrupted)
+    monkeypatch.setattr("gpx_lcp.staged.solve", interrupted)
     with pytest.raises(KeyboardInterrupt):
         world.step(10)
     other.step(3)

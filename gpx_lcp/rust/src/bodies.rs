@@ -1,14 +1,13 @@
 //! What does not change while a world runs: shapes, masses and materials of its bodies. Bodies that move come first.
 
 use std::ops::AddAssign;
-use std::sync::Mutex;
 
 use parry3d_f64::math::{Matrix, Pose, Vector};
 
-use crate::collision::broad_phase::BroadPhase;
 use crate::collision::solid::Solid;
 use crate::small_matrix::cholesky;
 
+#[derive(Default)]
 pub struct Bodies {
     /// How many bodies move; the others, after them, never do.
     pub moving: usize,
@@ -25,8 +24,6 @@ pub struct Bodies {
     pub inverse_inertia_roots: Vec<Matrix>,
     /// Of the bodies that never move.
     pub fixed_poses: Vec<Pose>,
-    /// What collision detection remembers; it saves time and changes no result.
-    pub broad_phase: Mutex<BroadPhase>,
 }
 
 #[derive(Clone, Copy)]

@@ -60,5 +60,7 @@ pub fn position_shift(
     }
     let program = &Program::Normal;
     let answer = sweep(stack, &asked, program, &SWEEPS, None, &|| false)?;
-    Some(stack.velocity_change(&answer.impulse))
+    let mut shift = Vec::new();
+    stack.velocity_change(&answer.impulse, &mut shift);
+    Some(shift)
 }

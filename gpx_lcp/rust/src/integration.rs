@@ -2,7 +2,7 @@
 
 use parry3d_f64::math::{Matrix, Pose, Rotation, Vector};
 
-use crate::bodies::{Bodies, Twist};
+use crate::bodies::{Bodies, State, Twist};
 
 const GYROSCOPIC_ITERATIONS: usize = 50;
 
@@ -20,29 +20,29 @@ const GYROSCOPIC_ITERATIONS: usize = 50;
 /// exp(dt ω) afterwards gives back the very same L in the world frame.
 pub fn free_velocities(
     bodies: &Bodies,
-    poses: &[Pose],
-    velocities: &[Twist],
+    state: &State,
     forces: &[Twist],
     gravity: Vector,
     time_step: f64,
-) -> Vec<Twist> {
+    result: &mut Vec<Twist>,
+) {
+    let State { poses, velocities } = state;
     let bodies_in_motion = poses.iter().zip(velocities).zip(forces).enumerate();
-    bodies_in_motion
-        .map(|(body, ((pose, velocity), force))| {
-            let acceleration = gravity + force.linear / bodies.masses[body];
-            let inverse = &bodies.inverse_inertias[body];
-            Twist {
-                linear: velocity.linear + acceleration * time_step,
-                angular: if *inverse == Matrix::ZERO {
-                    velocity.angular
-                } else {
-                    let angular = velocity.angular;
-                    let torque = force.angular;
-                    free_spin(bodies, body, &pose.rotation, angular, torque, time_step)
-                },
-            }
-        })
-        .collect()
+    result.clear();
+    result.extend(bodies_in_motion.map(|(body, ((pose, velocity), force))| {
+        let acceleration = gravity + force.linear / bodies.masses[body];
+        let inverse = &bodies.inverse_inertias[body];
+        Twist {
+            linear: velocity.linear + acceleration * time_step,
+            angular: if *inverse == Matrix::ZERO {
+                velocity.angular
+            } else {
+                let angular = velocity.angular;
+                let torque = force.angular;
+                free_spin(bodies, body, &pose.rotation, angular, torque, time_step)
+            },
+        }
+    }));
 }
 
 /// The angular velocity of a body after one step without contact, world frame.
@@ -78,19 +78,18 @@ fn free_spin(
 }
 
 /// Poses after `time_step` at constant velocities: x + dt v, and exp(dt ω) q, of unit length again.
-pub fn advance(poses: &[Pose], velocities: &[Twist], time_step: f64) -> Vec<Pose> {
+pub fn advance(poses: &[Pose], velocities: &[Twist], time_step: f64, result: &mut Vec<Pose>) {
     let moving = poses.iter().zip(velocities);
-    moving
-        .map(|(pose, velocity)| {
-            let turn = velocity.angular * time_step;
-            let rotation = if turn == Vector::ZERO {
-                pose.rotation // Normalising would move the last bit of a body at rest.
-            } else {
-                (rotation_of(turn) * pose.rotation).normalize()
-            };
-            Pose::from_parts(pose.translation + velocity.linear * time_step, rotation)
-        })
-        .collect()
+    result.clear();
+    result.extend(moving.map(|(pose, velocity)| {
+        let turn = velocity.angular * time_step;
+        let rotation = if turn == Vector::ZERO {
+            pose.rotation // Normalising would move the last bit of a body at rest.
+        } else {
+            (rotation_of(turn) * pose.rotation).normalize()
+        };
+        Pose::from_parts(pose.translation + velocity.linear * time_step, rotation)
+    }));
 }
 
 /// The rotation by the angle |turn| about its direction.
@@ -125,7 +124,8 @@ mod tests {
             Vector::new(0.1, 0.2, 0.3),
             Rotation::from_xyzw(0.1, 0.7, 0.1, 0.7).normalize(),
         );
-        let after = advance(&[pose], &[Twist::default()], 0.1);
+        let mut after = Vec::new();
+        advance(&[pose], &[Twist::default()], 0.1, &mut after);
         assert_eq!(after[0].translation, pose.translation);
         assert_eq!(after[0].rotation, pose.rotation);
     }

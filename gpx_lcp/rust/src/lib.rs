@@ -31,6 +31,7 @@ pub mod solving;
 pub mod stacking;
 pub mod stepping;
 mod team;
+pub mod world;
 
 #[cfg(feature = "python")]
 mod python;

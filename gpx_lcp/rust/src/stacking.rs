@@ -78,7 +78,7 @@ impl Stack {
     }
 
     /// What the impulses, rows per contact, add to the velocities of the bodies: M⁻¹ Jᵀ p = L Ĵᵀ p.
-    pub fn velocity_change(&self, impulse: &[f64]) -> Vec<Twist> {
+    pub fn velocity_change(&self, impulse: &[f64], change: &mut Vec<Twist>) {
         let mut states = Vec::new();
         self.whitened.gather(impulse, &mut states);
         let twist = |(root, state): (&MassRoot, &[f64])| Twist {
@@ -89,7 +89,8 @@ impl Stack {
             },
         };
         let states = states.chunks_exact(self.layout.columns);
-        self.roots.iter().zip(states).map(twist).collect()
+        change.clear();
+        change.extend(self.roots.iter().zip(states).map(twist));
     }
 
     /// The contact velocities u = A p - B after the impulses, rows per contact.

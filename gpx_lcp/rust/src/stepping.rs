@@ -1,43 +1,56 @@
 //! A time step: its stages in sequence, for the methods that the core has of its own.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
-
-use parry3d_f64::math::{Pose, Vector};
+use std::sync::{Arc, Weak};
 
 use crate::bodies::{Bodies, State, Twist};
-use crate::collision::{Contact, detect, match_impulses};
+use crate::collision::broad_phase::BroadPhase;
+use crate::collision::{Contact, detect};
 use crate::correction::position_shift;
 use crate::integration::{advance, free_velocities};
 use crate::mean_motion::mean_motion;
 use crate::solving::{Answer, Effort, Interrupted, solve};
-use crate::stacking::{Layout, Motion, Stack, stack};
+use crate::stacking::{Motion, Stack, stack};
+use crate::world::{Conditions, Touching, World};
 
-/// What holds during all steps of one call.
-pub struct Conditions {
-    pub time_step: f64,
-    pub gravity: Vector,
-    /// Closing speed above which elasticity acts, m/s.
-    pub impact_speed: f64,
-    pub forces: Vec<Twist>,
-    pub layout: Layout,
-    /// How a step is solved whose contacts have friction, and one whose contacts have none.
+/// How a step is solved whose contacts have friction, and one whose contacts have none.
+#[derive(Clone)]
+pub struct Efforts {
     pub with_friction: Effort,
     pub without_friction: Effort,
-    /// Whether a step starts from the impulses of the one before.
-    pub warm_start: bool,
 }
 
-/// What a step leaves, and what it has solved.
+/// The system that a step solved, and the answer.
 #[derive(Clone, Default)]
-pub struct Step {
-    /// At the end.
-    pub state: State,
-    /// The rest at its start.
-    pub contacts: Vec<Contact>,
+pub struct Solved {
     pub stack: Stack,
     pub answer: Answer,
     /// How far the start impulses had to be moved into their cones, where there were any.
     pub start_moved: Option<f64>,
+}
+
+/// What a step leaves, and what it is worked out in. Memory is used again; what is remembered saves time, and changes no
+/// result.
+#[derive(Default)]
+pub struct Workspace {
+    pub state: State,
+    pub touching: Touching,
+    pub solved: Solved,
+    broad_phase: BroadPhase,
+    /// Whose pairs the broad phase keeps.
+    bodies: Weak<Bodies>,
+    free: Vec<Twist>,
+    start: Vec<f64>,
+}
+
+impl Workspace {
+    /// The pairs that were near each other, if they were pairs of these bodies.
+    pub fn kept_pairs(&mut self, bodies: &Arc<Bodies>) -> &mut BroadPhase {
+        if !std::ptr::eq(self.bodies.as_ptr(), Arc::as_ptr(bodies)) {
+            (self.bodies, self.broad_phase) = (Arc::downgrade(bodies), BroadPhase::default());
+        }
+        &mut self.broad_phase
+    }
 }
 
 /// Why a step was not taken.
@@ -49,9 +62,8 @@ pub enum Failure {
     Interrupted,
 }
 
-impl Conditions {
-    /// How the contacts of a step are solved.
-    pub fn effort(&self, stack: &Stack) -> &Effort {
+impl Efforts {
+    fn of(&self, stack: &Stack) -> &Effort {
         if stack.has_friction() {
             &self.with_friction
         } else {
@@ -60,129 +72,107 @@ impl Conditions {
     }
 }
 
-/// Contacts with their impulses, rows per contact: where a warm start comes from.
-pub struct Loads<'a> {
-    pub contacts: &'a [Contact],
-    pub impulse: &'a [f64],
-}
-
-/// Take one step from `state` and leave it in `step`, whose memory is used again.
+/// Work one step of a world out, and leave it in the workspace.
 pub fn step(
-    bodies: &Bodies,
-    conditions: &Conditions,
-    state: &State,
-    loads: Option<Loads>,
-    step: &mut Step,
+    world: &World,
+    efforts: &Efforts,
+    workspace: &mut Workspace,
     interrupted: Interrupted,
 ) -> Result<(), Failure> {
-    let State { poses, velocities } = state;
-    let (time_step, gravity) = (conditions.time_step, conditions.gravity);
-    let free = free_velocities(
+    let World {
         bodies,
-        poses,
-        velocities,
-        &conditions.forces,
-        gravity,
-        time_step,
-    );
+        conditions,
+        instant,
+        ..
+    } = world;
+    let State { poses, velocities } = &instant.state;
+    let Conditions {
+        forces, gravity, ..
+    } = conditions;
+    let (time_step, rows) = (conditions.time_step, conditions.layout.rows);
+    workspace.kept_pairs(bodies);
+    let Workspace {
+        touching,
+        solved,
+        broad_phase,
+        free,
+        start,
+        ..
+    } = workspace;
+    free_velocities(bodies, &instant.state, forces, *gravity, time_step, free);
     require_finite(free.iter().map(Twist::is_finite))?;
-    step.contacts = found(bodies, poses, &free, time_step)?;
+    let contacts = &mut touching.contacts;
+    found(world, broad_phase, free, contacts)?;
     let motion = Motion {
         poses,
         velocities,
-        free: &free,
+        free,
         time_step,
         impact_speed: conditions.impact_speed,
     };
-    stack(
-        bodies,
-        &step.contacts,
-        &motion,
-        conditions.layout,
-        &mut step.stack,
-    );
-    let effort = conditions.effort(&step.stack);
-    let rows = conditions.layout.rows;
-    let mut start = loads.filter(|_| conditions.warm_start).map(|loads| {
-        let impulses: Vec<[f64; 3]> = loads.impulse.chunks_exact(rows).map(three_rows).collect();
-        let matched = match_impulses(bodies, &step.contacts, loads.contacts, &impulses);
-        matched
-            .iter()
-            .flat_map(|p| &p[..rows])
-            .copied()
-            .collect::<Vec<f64>>()
-    });
-    let friction = &step.stack.friction;
-    step.start_moved = start
-        .as_mut()
-        .map(|start| effort.program.admit(friction, start, rows));
-    let answer = solve(&step.stack, effort, start.as_deref(), interrupted);
-    step.answer = answer.ok_or(Failure::Interrupted)?;
-    let impulse = &step.answer.impulse;
-    step.state = moved(
-        bodies,
-        state,
-        &conditions.forces,
-        &step.contacts,
-        &step.stack,
-        impulse,
-        time_step,
-    );
-    let State { poses, velocities } = &step.state;
-    let finite = poses.iter().zip(velocities);
-    require_finite(finite.map(|(pose, velocity)| pose.is_finite() && velocity.is_finite()))
+    let system = &mut solved.stack;
+    stack(bodies, contacts, &motion, conditions.layout, system);
+    let effort = efforts.of(system);
+    let before = instant.touching.as_ref().filter(|_| conditions.warm_start);
+    if let Some(before) = before {
+        let impulses = before.start(bodies, contacts, time_step);
+        start.clear();
+        start.extend(impulses.iter().flat_map(|p| &p[..rows]));
+    }
+    solved.start_moved = before.map(|_| effort.program.admit(&system.friction, start, rows));
+    let start = before.map(|_| start.as_slice());
+    solved.answer = solve(system, effort, start, interrupted).ok_or(Failure::Interrupted)?;
+    let impulse = &solved.answer.impulse;
+    moved(world, contacts, system, impulse, &mut workspace.state)?;
+    touching.receive(impulse, rows, time_step);
+    Ok(())
 }
 
 /// The contacts, or a failure where the collision library gives up: a panic in it must not cross the border.
 pub fn found(
-    bodies: &Bodies,
-    poses: &[Pose],
+    world: &World,
+    broad_phase: &mut BroadPhase,
     free: &[Twist],
-    time_step: f64,
-) -> Result<Vec<Contact>, Failure> {
-    catch_unwind(AssertUnwindSafe(|| detect(bodies, poses, free, time_step)))
-        .map_err(|_| Failure::Detection)
+    contacts: &mut Vec<Contact>,
+) -> Result<(), Failure> {
+    let (poses, time_step) = (&world.instant.state.poses, world.conditions.time_step);
+    catch_unwind(AssertUnwindSafe(|| {
+        detect(&world.bodies, broad_phase, poses, free, time_step, contacts);
+    }))
+    .map_err(|_| Failure::Detection)
 }
 
 /// The state after the impulses, rows per contact: velocities first, then poses by them and by what takes out overlap.
 pub fn moved(
-    bodies: &Bodies,
-    state: &State,
-    forces: &[Twist],
+    world: &World,
     contacts: &[Contact],
     stack: &Stack,
     impulse: &[f64],
-    time_step: f64,
-) -> State {
-    let mut velocities = stack.velocity_change(impulse);
-    for (velocity, free) in velocities.iter_mut().zip(&stack.free) {
+    next: &mut State,
+) -> Result<(), Failure> {
+    let World {
+        bodies, instant, ..
+    } = world;
+    let state = &instant.state;
+    let Conditions {
+        forces, time_step, ..
+    } = &world.conditions;
+    stack.velocity_change(impulse, &mut next.velocities);
+    for (velocity, free) in next.velocities.iter_mut().zip(&stack.free) {
         *velocity += *free;
     }
-    let (poses, free) = (&state.poses, &stack.free);
-    let mut motion = mean_motion(
-        bodies,
-        contacts,
-        state,
-        forces,
-        free,
-        &velocities,
-        time_step,
-    );
-    let shift = position_shift(bodies, contacts, stack, poses, &motion, time_step);
+    let (poses, free, after) = (&state.poses, &stack.free, &next.velocities);
+    let mut motion = mean_motion(bodies, contacts, state, forces, free, after, *time_step);
+    let shift = position_shift(bodies, contacts, stack, poses, &motion, *time_step);
     for (velocity, shift) in motion.iter_mut().zip(shift.iter().flatten()) {
         *velocity += *shift;
     }
-    State {
-        poses: advance(poses, &motion, time_step),
-        velocities,
-    }
+    advance(poses, &motion, *time_step, &mut next.poses);
+    let finite = next.poses.iter().zip(&next.velocities);
+    require_finite(finite.map(|(pose, velocity)| pose.is_finite() && velocity.is_finite()))
 }
 
-fn three_rows(p: &[f64]) -> [f64; 3] {
-    std::array::from_fn(|r| p.get(r).copied().unwrap_or(0.0))
-}
-
-fn require_finite(finite: impl Iterator<Item = bool>) -> Result<(), Failure> {
+pub fn require_finite(finite: impl Iterator<Item = bool>) -> Result<(), Failure> {
     match finite.enumerate().find(|(_, finite)| !finite) {
         None => Ok(()),
         Some((body, _)) => Err(Failure::NotFinite(body)),

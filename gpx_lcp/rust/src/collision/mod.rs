@@ -10,11 +10,10 @@ pub mod manifold;
 pub mod separation;
 pub mod solid;
 
-use std::sync::PoisonError;
-
 use parry3d_f64::math::{Pose, Vector};
 
 use crate::bodies::{Bodies, Twist};
+use broad_phase::BroadPhase;
 use solid::FeatureId;
 
 /// Gap below which bodies count as touching even at rest, as a share of the body's size: above rounding, far below
@@ -41,10 +40,12 @@ pub struct Contact {
 /// Every contact that bodies may come to within `time_step`, moving at `velocities`; sorted by pair of bodies.
 pub fn detect(
     bodies: &Bodies,
+    memory: &mut BroadPhase,
     poses: &[Pose],
     velocities: &[Twist],
     time_step: f64,
-) -> Vec<Contact> {
+    contacts: &mut Vec<Contact>,
+) {
     let pose = |body: usize| match body.checked_sub(bodies.moving) {
         None => &poses[body],
         Some(fixed) => &bodies.fixed_poses[fixed],
@@ -58,7 +59,7 @@ pub fn detect(
             time_step * speed + REST_MARGIN * bound
         })
         .collect();
-    let mut contacts = Vec::new();
+    contacts.clear();
     let touching = |a: usize, b: usize| {
         let (Some(solid_a), Some(solid_b)) = (&bodies.solids[a], &bodies.solids[b]) else {
             return;
@@ -82,10 +83,7 @@ pub fn detect(
         let solid = bodies.solids[body].as_ref()?;
         solid.aabb(pose(body), margins[body])
     };
-    let memory = bodies.broad_phase.lock();
-    let mut memory = memory.unwrap_or_else(PoisonError::into_inner);
     memory.pairs(bodies, &margins, bounds, touching);
-    contacts
 }
 
 /// A right-handed frame with the normal first; a vertical normal has its tangents along x and y.
@@ -218,7 +216,6 @@ mod tests {
             inverse_inertias: vec![Matrix::IDENTITY; 2],
             inverse_inertia_roots: vec![Matrix::IDENTITY; 2],
             fixed_poses: Vec::new(),
-            broad_phase: std::sync::Mutex::default(),
         }
     }
 

@@ -4,8 +4,9 @@ mod exact;
 mod gauss_seidel;
 mod records;
 mod scene;
-mod stepping;
+mod solved;
 mod system;
+mod world;
 
 use pyo3::prelude::*;
 
@@ -18,13 +19,15 @@ mod _core {
     #[pymodule_export]
     use super::gauss_seidel::gauss_seidel;
     #[pymodule_export]
-    use super::records::{Contacts, Stack, State};
+    use super::records::{Contacts, Stack};
     #[pymodule_export]
     use super::scene::Bodies;
     #[pymodule_export]
-    use super::stepping::{Step, take_steps};
+    use super::solved::Solved;
     #[pymodule_export]
     use super::system::System;
+    #[pymodule_export]
+    use super::world::World;
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {

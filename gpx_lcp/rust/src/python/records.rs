@@ -1,5 +1,4 @@
-//! What a time step reads and leaves, as Python sees it: states, contacts and stacked systems; and the arrays they
-//! are made of.
+//! What a time step works with, as Python sees it: contacts and stacked systems; and the arrays they are made of.
 
 use numpy::{
     Element, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
@@ -8,7 +7,7 @@ use parry3d_f64::math::{Pose, Rotation, Vector};
 use pyo3::prelude::*;
 
 use super::scene::Bodies;
-use crate::bodies::{Bodies as BodyData, State as StateData, Twist};
+use crate::bodies::{Bodies as BodyData, Twist};
 use crate::collision::Contact;
 use crate::stacking::Stack as StackData;
 
@@ -17,10 +16,6 @@ pyo3::import_exception!(gpx_lcp.errors, ProblemError);
 pub type Floats<'py> = PyReadonlyArray1<'py, f64>;
 pub type Table<'py> = PyReadonlyArray2<'py, f64>;
 type Pairs<'py> = PyReadonlyArray2<'py, u32>;
-
-/// Poses and velocities of the moving bodies at one instant.
-#[pyclass(frozen, module = "gpx_lcp._core")]
-pub struct State(pub StateData);
 
 /// The contacts of one state.
 #[pyclass(frozen, module = "gpx_lcp._core")]
@@ -34,47 +29,6 @@ pub struct Contacts {
 /// The stacked system of a step.
 #[pyclass(frozen, module = "gpx_lcp._core")]
 pub struct Stack(pub StackData);
-
-#[pymethods]
-impl State {
-    /// positions (moving, 3), orientations (moving, 4) as w, x, y, z, velocities (moving, 6).
-    #[new]
-    fn new(positions: Table<'_>, orientations: Table<'_>, velocities: Table<'_>) -> PyResult<Self> {
-        let positions = rows::<f64, 3>(&positions)?;
-        let orientations = rows::<f64, 4>(&orientations)?;
-        let velocities = rows::<f64, 6>(&velocities)?;
-        same_length("orientations", orientations.len(), positions.len())?;
-        same_length("velocities", velocities.len(), positions.len())?;
-        let both = positions.iter().zip(&orientations);
-        Ok(State(StateData {
-            poses: both
-                .map(|([x, y, z], [w, i, j, k])| pose(&[*x, *y, *z, *w, *i, *j, *k]))
-                .collect(),
-            velocities: velocities.iter().map(twist).collect(),
-        }))
-    }
-
-    #[getter]
-    fn positions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let all = self.0.poses.iter().flat_map(|p| p.translation.to_array());
-        table(py, all.collect(), 3)
-    }
-
-    #[getter]
-    fn orientations<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let wxyz = |p: &Pose| [p.rotation.w, p.rotation.x, p.rotation.y, p.rotation.z];
-        table(py, self.0.poses.iter().flat_map(wxyz).collect(), 4)
-    }
-
-    #[getter]
-    fn velocities<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        table(
-            py,
-            self.0.velocities.iter().flat_map(twist_row).collect(),
-            6,
-        )
-    }
-}
 
 #[pymethods]
 impl Contacts {
