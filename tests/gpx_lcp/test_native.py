@@ -108,3 +108,25 @@ def test_steps_that_were_not_solved_are_counted():
     world = gpx.World(gpx.scenes.tower(5), DT)
     world.step(5)
     assert world.unsolved_steps == 0
+
+
+def test_a_world_is_read_while_it_takes_steps_and_changed_afterwards():
+    world = gpx.World(gpx.scenes.tower(2), DT)
+    world.step(3)
+    seen = []
+
+    def meanwhile():
+        seen.append(world.steps)
+        try:
+            world.move(0, velocity=(1, 0, 0))
+        except gpx.ProblemError as error:
+            seen.append(str(error))
+        _thread.interrupt_main()
+
+    threading.Timer(0.05, meanwhile).start()
+    with pytest.raises(KeyboardInterrupt):
+        world.step(10**9)
+    assert seen[0] == 3 and "taking steps in another call" in seen[1]
+    assert world.steps > 3
+    world.move(0, velocity=(1, 0, 0))
+    assert world.velocities[0, 0] == 1.0
