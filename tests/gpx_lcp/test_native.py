@@ -130,3 +130,14 @@ def test_a_world_is_read_while_it_takes_steps_and_changed_afterwards():
     assert world.steps > 3
     world.move(0, velocity=(1, 0, 0))
     assert world.velocities[0, 0] == 1.0
+
+
+@pytest.mark.parametrize("tolerance", [1e-6, 1e-10])
+def test_a_wall_at_rest_is_factored_no_more(tolerance):
+    """What the tolerance leaves of velocities is stopped by sweeps."""
+    world = gpx.World(gpx.scenes.wall(6), DT, tolerance=tolerance)
+    world.step(60)
+    for _ in range(60):
+        world.step()
+        assert world.solution.status is gpx.Status.SOLVED
+        assert world.solution.extras["factorisations"] == 0

@@ -59,7 +59,8 @@ pub fn position_shift(
         };
     }
     let program = &Program::Normal;
-    let answer = sweep(stack, &asked, program, &SWEEPS, None, &|| false)?;
+    let system = stack.system_with(&asked);
+    let answer = sweep(system, program, &SWEEPS, None, &|| false)?;
     let mut shift = Vec::new();
     stack.velocity_change(&answer.impulse, &mut shift);
     Some(shift)

@@ -4,6 +4,7 @@
 use std::array::from_fn;
 
 use crate::contact::Law;
+use crate::exact::BlockMatrix;
 use crate::friction_cone::{ConvexCone, Coulomb, project};
 use crate::polygon::Polygon;
 use crate::small_matrix::{Vector, dot};
@@ -29,8 +30,25 @@ impl Program {
 
     /// ‖natural map‖/‖B‖ of impulses with as many rows per contact as the system has.
     pub fn residual(&self, stack: &Stack, impulse: &[f64]) -> f64 {
-        let velocity = stack.velocity(impulse);
-        self.relative_map(&stack.friction, &stack.scale, &stack.b, impulse, &velocity)
+        let numbers = (
+            stack.friction.as_slice(),
+            stack.scale.as_slice(),
+            stack.b.as_slice(),
+        );
+        self.residual_of(&stack.whitened, numbers, impulse)
+    }
+
+    /// The same from Ĵ, and μ and d of each contact, and B.
+    pub fn residual_of(
+        &self,
+        whitened: &BlockMatrix,
+        (friction, scale, b): (&[f64], &[f64], &[f64]),
+        impulse: &[f64],
+    ) -> f64 {
+        let (mut states, mut velocity) = (Vec::new(), Vec::new());
+        whitened.gather(impulse, &mut states);
+        whitened.spread(&states, b, &mut velocity);
+        self.relative_map(friction, scale, b, impulse, &velocity)
     }
 
     /// The same from μ and d of each contact, and B, p and u = A p − B, with 1 to 3 rows per contact.

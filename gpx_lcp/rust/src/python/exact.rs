@@ -100,13 +100,6 @@ pub fn exact(
     if let Some(start) = start {
         same_length("start", start.len(), system.target.len())?;
     }
-    if let Some(start) = start {
-        let began = Instant::now();
-        if let Some((impulse, residual)) = system.settled(&law.into(), start, settings.tolerance) {
-            let report = Report::unchanged(impulse, residual);
-            return Ok(answer(py, report, began.elapsed().as_secs_f64(), None));
-        }
-    }
     let signal = Mutex::new(None);
     let interrupted = || {
         let mut signal = signal.lock().unwrap_or_else(PoisonError::into_inner);
@@ -117,6 +110,12 @@ pub fn exact(
     };
     let (report, solve_seconds, summary) = py.detach(|| -> Result<_, ShapeError> {
         let began = Instant::now();
+        if let Some(start) = start {
+            let settled = system.settled(&law.into(), start, settings.tolerance, &interrupted);
+            if let Some((impulse, residual)) = settled {
+                return Ok((Report::unchanged(impulse, residual), began.elapsed(), None));
+            }
+        }
         let lifted;
         let mut start = start;
         let limits = Limits::new(

@@ -10,6 +10,7 @@ use super::exact::law_named;
 use crate::exact::{BlockMatrix, Law, Operator, ShapeError};
 use crate::presolve::{self, Size, Summary, View};
 use crate::program::Program;
+use crate::solving::{Interrupted, System as Swept, held};
 
 pyo3::import_exception!(gpx_lcp.errors, ProblemError);
 
@@ -141,30 +142,48 @@ impl System {
     }
 }
 
+/// Whether contacts have one or three rows and two bodies at most, and bodies three or six velocities.
+fn is_of_a_scene(matrix: &BlockMatrix) -> bool {
+    let mut contacts = matrix.starts.windows(2);
+    matches!((matrix.height, matrix.width), (1 | 3, 3 | 6))
+        && contacts.all(|range| range[1] - range[0] <= 2)
+}
+
 impl System {
-    /// The start impulses, or none, where that is a solution; with its residual.
+    /// The start impulses, or none, where that is a solution, or nearly so; with its residual.
     pub fn settled(
         &self,
         program: &Program,
         start: &[f64],
         tolerance: f64,
+        interrupted: Interrupted,
     ) -> Option<(Vec<f64>, f64)> {
-        let system = (
-            self.friction.as_slice(),
-            self.scale.as_slice(),
-            self.target.as_slice(),
-        );
-        program.settled(system, start, self.residual_of(program, start), tolerance)
+        let residual = self.residual_of(program, start);
+        let (friction, scale, b) = (&self.friction, &self.scale, &self.target);
+        match &self.operator {
+            Operator::Velocity(whitened) if is_of_a_scene(whitened) => {
+                let system = Swept {
+                    whitened,
+                    b,
+                    friction,
+                    scale,
+                };
+                held(system, program, start, residual, tolerance, interrupted)
+            }
+            _ => program.settled((friction, scale, b), start, residual, tolerance),
+        }
     }
 
     /// ‖natural map‖/‖B‖ of impulses, rows per contact. From Ĵ it is the same number, bit for bit, as in a native step.
     pub fn residual_of(&self, program: &Program, impulse: &[f64]) -> f64 {
-        let velocity = match &self.operator {
+        let velocity: Vec<f64> = match &self.operator {
             Operator::Velocity(factor) => {
-                let (mut states, mut velocity) = (Vec::new(), Vec::new());
-                factor.gather(impulse, &mut states);
-                factor.spread(&states, &self.target, &mut velocity);
-                velocity
+                let numbers = (
+                    self.friction.as_slice(),
+                    self.scale.as_slice(),
+                    self.target.as_slice(),
+                );
+                return program.residual_of(factor, numbers, impulse);
             }
             Operator::Impulse(matrix) => {
                 let mut product = vec![[0.0; 3]; self.friction.len()];
