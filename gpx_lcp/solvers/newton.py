@@ -26,7 +26,10 @@ from gpx_lcp.solvers._interface import Outcome, Request, Solver
 
 
 def run(request: Request) -> Outcome:
-    """Iterate from the warm start, or from rest; iterations are Newton steps, each with one factorisation."""
+    """Iterate from the warm start, or from rest; iterations are Newton steps, each with one factorisation.
+
+    A start that is nearly a solution is swept over first; where that makes it one, there are no Newton steps.
+    """
     return run_exact(request, "newton")
 
 
