@@ -39,10 +39,18 @@ def _handed_over(system: StackedSystem) -> _core.System:
     factor = system.whitened_jacobian
     if factor is not None:
         data, columns = np.ascontiguousarray(factor.data), factor.shape[1] // factor.blocksize[1]
-        assert system.jacobian is not None
+        assert system.jacobian is not None and system.inverse_mass is not None
         jacobian = np.ascontiguousarray(system.jacobian.data)
         return _core.System.from_factor(
-            factor.indptr, factor.indices, data, jacobian, columns, system.B, system.friction
+            factor.indptr,
+            factor.indices,
+            data,
+            jacobian,
+            columns,
+            system.B,
+            system.friction,
+            system.inverse_mass,
+            system.free_velocity,
         )
     matrix = system.A
     if isinstance(matrix, np.ndarray):

@@ -8,7 +8,8 @@ reduction      recognised by                                                    
 ============== ================================================================== =================================
 islands        contacts that no chain of moving bodies joins                      systems of their own, on threads
 free bodies    no contact                                                         nothing
-inactive       an island in which no contact closes                               nothing: no impulse is the answer
+inactive       an island in which no contact closes; contacts out of reach        nothing: no impulse is the answer
+redundant      without friction, a contact within the convex hull of others       nothing: the corners carry the load
 frictionless   an island without friction                                         one row for a contact
 duplicates     the same bodies, rows, B and friction                              one contact, shared equally
 translational  pushes through the centres of mass, point masses                   three velocities for a body
@@ -17,10 +18,17 @@ collinear      all motion along one line at each contact, contacts balanced     
 closed form    one contact; a chain of bodies on one line                         nothing: solved without iteration
 ============== ================================================================== =================================
 
-All but the first four and the last are one theorem. Gather contacts i in groups g, with weights w_i > 0 that add up
-to one and frames C_i (orthonormal columns, the first the normal), and give every body b a subspace of its velocities,
-whitened by M^½, with an orthonormal basis Q. Solve J' = Σ w_i C_iᵀ Ĵ_i Q, B' = Σ w_i C_iᵀ B_i, and lift p_i = w_i C_i
-q_g. Where
+The impulses of a solution have bounded energy: with c any change of velocity that opens all contacts, for example a stop
+of all bodies, what they change lies in the ball with diameter c. Contact i opens there with at least ½ (Ĵ c)_n - B_n -
+½ ‖Ĵ_n‖ ‖c‖; where that is positive it is out of reach and left out, and what it joined may fall apart. Contacts of a pair
+of bodies on one plane that lie between others, and have no more to cancel than these have there, are kept open by them;
+that holds without friction, and under the convex law where the coefficient is the same. Contacts left out have no
+impulse.
+
+From `frictionless` on all is one theorem, but for the closed form. Gather contacts i in groups g, with weights w_i > 0
+that add up to one and frames C_i (orthonormal columns, the first the normal), and give every body b a subspace of its
+velocities, whitened by M^½, with an orthonormal basis Q. Solve J' = Σ w_i C_iᵀ Ĵ_i Q, B' = Σ w_i C_iᵀ B_i, and lift
+p_i = w_i C_i q_g. Where
 
 * Σ w_i C_iᵀ Ĵ_i has no part outside the subspaces,
 * Ĵ_i Q = C_i J'_g, and B_i = C_i B'_g,
@@ -34,8 +42,9 @@ The frictionless and the convex law have one velocity, with or without presolve.
 solutions, and then presolve may find another one. Contacts that share a load in more than one way share it equally,
 or in the plane by the least weights without a moment out of it.
 
-Not reduced: contacts that are redundant in other ways, an inactive contact of an island in which others close, and
-systems given by A alone.
+Of a system given by A alone islands, inactive contacts, rows without friction and single contacts are found; it has no
+velocities to count. Not reduced: contacts with friction that others keep open by Coulomb's law, where the load moves the
+friction with it.
 """
 
 from __future__ import annotations
@@ -66,7 +75,7 @@ def presolve(what: StackedSystem | Scene, formulation: str | None = None, *, tim
     Raises
     ------
     ProblemError
-        When `what` is neither, or the system carries A alone.
+        When `what` is neither.
     SettingsError
         When there are no reductions for the formulation.
     """
@@ -78,7 +87,4 @@ def presolve(what: StackedSystem | Scene, formulation: str | None = None, *, tim
         formulation = default_formulation(what, None)
     if formulation not in REDUCED:
         raise SettingsError(f"formulation is {formulation!r}: presolve knows {', '.join(map(repr, REDUCED))}")
-    counted = core_system(what).presolve(formulation)
-    if counted is None:
-        raise ProblemError("the system carries A alone: presolve needs StackedSystem.from_jacobian")
-    return Presolve.of(counted)
+    return Presolve.of(core_system(what).presolve(formulation))

@@ -343,7 +343,5 @@ def test_bad_settings_are_refused(options, message):
 def test_what_cannot_be_reduced_is_refused():
     with pytest.raises(gpx.ProblemError, match="what is a ndarray"):
         gpx.presolve(np.eye(3))
-    with pytest.raises(gpx.ProblemError, match="the system carries A alone"):
-        gpx.presolve(gpx.StackedSystem(np.eye(3), np.ones(3), [0.5]))
     with pytest.raises(gpx.SettingsError, match="formulation is 'box'"):
         gpx.presolve(gpx.scenes.tower(1), "box")

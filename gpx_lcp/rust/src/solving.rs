@@ -198,8 +198,11 @@ fn solve_exactly(
         Program::Coulomb => exact::Law::Coulomb,
         Program::Polygon(_) => unreachable!("no exact method solves polygons: refused when made"),
     };
-    let presolved = presolve
-        .and_then(|threads| presolve::solve(&view(stack, law), method, limits, start, threads));
+    let free = free_motion(stack);
+    let presolved = presolve.and_then(|threads| {
+        let view = view(stack, law, free.as_ref());
+        presolve::solve(&view, method, limits, start, threads)
+    });
     if let Some(presolve::Presolved { report, summary }) = presolved {
         return answered(report, limits, begun, begun, Some(summary));
     }
@@ -246,8 +249,31 @@ fn answered(
     })
 }
 
-fn view(stack: &Stack, law: exact::Law) -> presolve::View<'_> {
+/// How the bodies of a stack move before its impulses; None where all contacts close, and nobody asks.
+fn free_motion(stack: &Stack) -> Option<presolve::FreeMotion> {
+    let apart = |contact: &[f64]| contact[0] < 0.0;
+    if !stack.b.chunks_exact(stack.layout.rows).any(apart) {
+        return None;
+    }
+    let velocity = stack.free.iter().flat_map(|free| {
+        let (linear, angular) = (free.linear.to_array(), free.angular.to_array());
+        let both = linear.into_iter().chain(angular);
+        both.take(stack.layout.columns)
+    });
+    Some(presolve::FreeMotion {
+        velocity: velocity.collect(),
+        inverse_mass: stack.inverse_mass(),
+    })
+}
+
+fn view<'a>(
+    stack: &'a Stack,
+    law: exact::Law,
+    free: Option<&'a presolve::FreeMotion>,
+) -> presolve::View<'a> {
     presolve::View {
+        form: presolve::Form::Velocity,
+        free,
         rows: stack.layout.rows,
         width: stack.layout.columns,
         bodies: stack.roots.len(),

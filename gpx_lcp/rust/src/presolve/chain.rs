@@ -21,11 +21,12 @@
 //! with incomplete information*, Ann. Math. Stat. 26 (1955); M. J. Best, N. Chakravarti, *Active set algorithms for
 //! isotonic regression*, Math. Program. 47 (1990).
 
+use super::Form;
 use super::lift::Part;
 
 /// The impulses of a part that is a chain; None where it is none, or where bodies are crushed between two that cannot move.
 pub fn solve(part: &Part) -> Option<Vec<f64>> {
-    if part.rows != 1 || part.matrix.width != 1 {
+    if part.form != Form::Velocity || part.rows != 1 || part.matrix.width != 1 {
         return None;
     }
     let links = ordered(part)?;

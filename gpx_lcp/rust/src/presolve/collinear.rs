@@ -6,7 +6,8 @@
 //! the same to cancel, and nothing along the tangents. Then friction has nothing to do, and the theorem of this folder holds
 //! with C_i the normal: a tower of cubes at rest is a column of point masses, a quarter of the load at each corner.
 
-use super::lift::{Basis, Columns, LARGEST, LocalBodies, Model, Proposal, Share, dot, size};
+use super::lift::{Basis, Columns, LARGEST, Model, Proposal, Share, dot, size};
+use super::local_bodies::LocalBodies;
 use super::{ROUNDING, View};
 
 /// Propose one contact for each run of contacts between the same bodies.

@@ -5,14 +5,28 @@
 //!
 //! A body that nothing can move has no block, or a block of zeros, and joins nothing.
 
-use super::View;
+//! Where A is all there is, contacts are joined by its blocks that are not zero, which says the same.
 
-/// The contacts of each island in rising order; islands in the order of their first contact.
-pub fn islands(view: &View) -> Vec<Vec<u32>> {
+use super::{Form, View};
+
+/// These contacts, which rise, by islands, in rising order; islands in the order of their first contact.
+pub fn islands(view: &View, contacts: &[u32]) -> Vec<Vec<u32>> {
     let mut parent: Vec<u32> = (0..view.bodies as u32).collect();
-    for contact in 0..view.contacts() as u32 {
+    // The columns of A are contacts, and those left out join nothing.
+    let inside = match view.form {
+        Form::Impulse if contacts.len() < view.contacts() => {
+            let mut inside = vec![false; view.bodies];
+            contacts
+                .iter()
+                .for_each(|&contact| inside[contact as usize] = true);
+            inside
+        }
+        _ => Vec::new(),
+    };
+    let counts = |body: &u32| inside.is_empty() || inside[*body as usize];
+    for &contact in contacts {
         let mut first = None;
-        for body in moved_bodies(view, contact) {
+        for body in moved_bodies(view, contact).filter(counts) {
             let root = find(&mut parent, body);
             match first {
                 None => first = Some(root),
@@ -23,8 +37,8 @@ pub fn islands(view: &View) -> Vec<Vec<u32>> {
     }
     let mut island_of = vec![u32::MAX; view.bodies];
     let mut islands: Vec<Vec<u32>> = Vec::new();
-    for contact in 0..view.contacts() as u32 {
-        let Some(body) = moved_bodies(view, contact).next() else {
+    for &contact in contacts {
+        let Some(body) = moved_bodies(view, contact).find(counts) else {
             islands.push(vec![contact]);
             continue;
         };

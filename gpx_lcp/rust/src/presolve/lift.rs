@@ -1,8 +1,9 @@
 //! A proposal put to the conditions that make it exact, and the reduced system with its way back if it stands.
 
-use crate::exact::BlockMatrix;
+use crate::exact::{BlockMatrix, Operator};
 
-use super::{ROUNDING, View};
+use super::local_bodies::LocalBodies;
+use super::{Form, ROUNDING, View};
 
 /// What a part of the system was taken for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -64,6 +65,7 @@ pub struct Proposal {
 
 /// A reduced system, and where its contacts come from.
 pub struct Part {
+    pub form: Form,
     pub model: Model,
     pub contacts: Vec<u32>,
     pub shares: Vec<Share>,
@@ -71,7 +73,7 @@ pub struct Part {
     pub matrix: BlockMatrix,
     pub b: Vec<f64>,
     pub friction: Vec<f64>,
-    growth: Growth,
+    pub(super) growth: Growth,
 }
 
 impl Part {
@@ -97,6 +99,7 @@ impl Part {
             Columns::Some(width, _) => width,
         };
         let mut part = Self {
+            form: Form::Velocity,
             model,
             contacts: contacts.to_vec(),
             rows,
@@ -148,6 +151,7 @@ impl Part {
             .iter()
             .map(|&contact| view.friction[contact as usize]);
         Self {
+            form: Form::Velocity,
             model: Model::Spatial,
             contacts: contacts.to_vec(),
             rows: view.rows,
@@ -157,6 +161,29 @@ impl Part {
             shares,
             growth: Growth::default(),
         }
+    }
+
+    /// A of this part.
+    pub fn operator(&self) -> Operator {
+        match self.form {
+            Form::Velocity => Operator::Velocity(self.matrix.clone()),
+            Form::Impulse => Operator::Impulse(self.matrix.clone()),
+        }
+    }
+
+    /// How large it is; A alone says nothing of velocities.
+    pub fn velocities(&self) -> usize {
+        match self.form {
+            Form::Velocity => self.matrix.block_columns * self.matrix.width,
+            Form::Impulse => 0,
+        }
+    }
+
+    /// Takes into account contacts left out that are kept open by those of this part, at most so many by one of them.
+    ///
+    /// Such a contact misses Signorini's condition, or the cone, by no more than the worst of those that keep it open.
+    pub fn keeps_open(&mut self, most: usize) {
+        self.growth.factor *= (1.0 + most as f64).sqrt();
     }
 
     /// Σ_i w_i C_iᵀ B_i, and condition (c).
@@ -427,7 +454,7 @@ impl Part {
 /// of the reduced d'_g, hence N_i ≤ max(1, d_i w_i / d'_g) N'_g, and each ‖B_i‖ is ‖B'_g‖ where there is friction, at
 /// least that where there is none: the sums over contacts differ by at most the sizes m_g of the groups.
 #[derive(Clone, Copy)]
-struct Growth {
+pub(super) struct Growth {
     factor: f64,
     /// The smallest and the largest m_g.
     least: f64,
@@ -445,6 +472,14 @@ impl Default for Growth {
 }
 
 impl Growth {
+    /// Where a row that is left has a part `factor` smaller of the diagonal than the largest row of its contact.
+    pub(super) fn of_rows(factor: f64) -> Self {
+        Self {
+            factor,
+            ..Self::default()
+        }
+    }
+
     fn join(&mut self, other: Self) {
         self.factor = self.factor.max(other.factor);
         self.least = self.least.min(other.least);
@@ -510,45 +545,6 @@ pub fn members(shares: &[Share], groups: usize) -> (Vec<u32>, Vec<usize>) {
         *place += 1;
     }
     (order, ends)
-}
-
-/// The bodies of one island, numbered from zero.
-pub struct LocalBodies {
-    number: Vec<u32>,
-    seen: Vec<u32>,
-}
-
-impl LocalBodies {
-    pub fn new(bodies: usize) -> Self {
-        Self {
-            number: vec![u32::MAX; bodies],
-            seen: Vec::new(),
-        }
-    }
-
-    /// Forgets the bodies before, and numbers those of these contacts.
-    pub fn renumber(&mut self, view: &View, contacts: &[u32]) {
-        for body in self.seen.drain(..) {
-            self.number[body as usize] = u32::MAX;
-        }
-        for &contact in contacts {
-            for &body in view.bodies_of(contact) {
-                let number = &mut self.number[body as usize];
-                if *number == u32::MAX {
-                    *number = self.seen.len() as u32;
-                    self.seen.push(body);
-                }
-            }
-        }
-    }
-
-    pub fn number(&self, body: u32) -> usize {
-        self.number[body as usize] as usize
-    }
-
-    pub fn count(&self) -> usize {
-        self.seen.len()
-    }
 }
 
 pub fn dot(a: &[f64], b: &[f64]) -> f64 {

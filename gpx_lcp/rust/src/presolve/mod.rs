@@ -30,16 +30,21 @@
 //! A convex law has one velocity, so that it is the same with and without presolve. Coulomb's law may have several exact
 //! solutions; then presolve may choose another one of them.
 //!
-//! `islands` cuts the system apart, `collinear`, `planar`, `translational` and `spatial` each propose groups, frames and
-//! subspaces for an island, the smallest first, and `lift` puts the proposal to (a), (b) and (c), whoever made it: what
-//! fails by more than rounding is not reduced. `inactive`, `single` and `chain` need no iteration at all.
+//! `islands` cuts the system apart, `inactive` leaves out contacts that no solution pushes shut and `redundant` those that
+//! others keep open, each by a theorem of its own. `collinear`, `planar`, `translational` and `spatial` each propose groups,
+//! frames and subspaces for an island, the smallest first, and `lift` puts the proposal to (a), (b) and (c), whoever made
+//! it: what fails by more than rounding is not reduced. `single` and `chain` need no iteration at all. Of a system given by
+//! A, islands, inactive contacts, rows without friction and single contacts are read from its blocks.
 
 mod chain;
 mod collinear;
+mod delassus;
 mod inactive;
 mod islands;
 mod lift;
+mod local_bodies;
 mod planar;
+mod redundant;
 mod single;
 mod solving;
 mod spatial;
@@ -53,21 +58,42 @@ use crate::exact::{Contacts, Law};
 /// What is rounding: of rows of Ĵ relative to their length, of B relative to its largest entry.
 const ROUNDING: f64 = 1e-12;
 
-/// A stacked system in the form with Ĵ, as the reductions read it.
+/// What a system is given by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Form {
+    /// Ĵ, with A = Ĵ Ĵᵀ.
+    Velocity,
+    /// A alone. Each contact is the one body that its column of A stands for.
+    Impulse,
+}
+
+/// How bodies move before any contact impulse.
+#[derive(Clone, Default)]
+pub struct FreeMotion {
+    /// Width numbers for each body.
+    pub velocity: Vec<f64>,
+    /// M⁻¹, width × width for each body.
+    pub inverse_mass: Vec<f64>,
+}
+
+/// A stacked system, as the reductions read it.
 #[derive(Clone, Copy)]
 pub struct View<'a> {
+    pub form: Form,
     /// Rows per contact, the normal first.
     pub rows: usize,
-    /// Velocities per body.
+    /// Velocities per body; rows, where A is all there is.
     pub width: usize,
     pub bodies: usize,
     pub starts: &'a [usize],
     pub columns: &'a [u32],
-    /// Blocks of Ĵ, rows × width each.
+    /// Blocks of Ĵ, rows × width each, or of A, its columns rising and its pattern symmetric.
     pub whitened: &'a [f64],
     /// Blocks of J, where bodies have three translations, in an orthonormal frame that is the same for all, and then
     /// rotations or none. Only the recognition of planes needs them.
     pub jacobian: Option<&'a [f64]>,
+    /// Where it is known, for contacts that are apart.
+    pub free: Option<&'a FreeMotion>,
     pub b: &'a [f64],
     /// Of B, what velocities are measured against.
     pub largest: f64,
@@ -87,7 +113,7 @@ impl<'a> View<'a> {
             columns: self.columns,
             values: self.whitened,
             area: self.rows * self.width,
-            of_bodies: true,
+            of_bodies: self.form == Form::Velocity,
             b: self.b,
             friction: self.friction,
         }

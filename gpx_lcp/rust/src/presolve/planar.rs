@@ -10,9 +10,8 @@
 //! The weights of m contacts at y_i along e, from the plane through the body's centre of mass, are the smallest with Σ w = 1,
 //! Σ w y = 0: w_i = (Σ y² − y_i Σ y) / (m Σ y² − (Σ y)²), equal ones where the contacts lie symmetrically.
 
-use super::lift::{
-    Basis, Columns, LARGEST, LocalBodies, Model, Proposal, Share, members, size, within,
-};
+use super::lift::{Basis, Columns, LARGEST, Model, Proposal, Share, members, size, within};
+use super::local_bodies::LocalBodies;
 use super::{ROUNDING, View};
 
 type Axis = [f64; 3];

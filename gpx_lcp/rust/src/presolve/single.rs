@@ -9,6 +9,7 @@ use crate::exact::Law;
 use crate::friction_cone::{ConvexCone, Coulomb};
 use crate::small_matrix::{Matrix, Vector, dot};
 
+use super::Form;
 use super::lift::Part;
 
 /// What the closed form may leave of the residual; more, as for a block that is singular, is for the solvers.
@@ -34,8 +35,11 @@ fn answer<const R: usize, L: Answer<R>>(part: &Part, law: &L, friction: f64) -> 
     for values in part.matrix.values.chunks_exact(R * width) {
         for r in 0..R {
             for c in 0..R {
-                block[r][c] +=
-                    super::lift::dot(&values[r * width..][..width], &values[c * width..][..width]);
+                let line = |row: usize| &values[row * width..][..width];
+                block[r][c] += match part.form {
+                    Form::Velocity => super::lift::dot(line(r), line(c)),
+                    Form::Impulse => line(r)[c],
+                };
             }
         }
     }

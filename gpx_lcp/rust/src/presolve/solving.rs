@@ -4,10 +4,15 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
-use crate::exact::{self, Limits, Method, Operator, Problem, Report, Status};
+use crate::exact::{self, Limits, Method, Problem, Report, Status};
 
-use super::lift::{LARGEST, LocalBodies, Model, Part, Proposal, size};
-use super::{View, chain, collinear, inactive, islands, planar, single, spatial, translational};
+use super::inactive::Reach;
+use super::lift::{LARGEST, Model, Part, Proposal, size};
+use super::local_bodies::LocalBodies;
+use super::{
+    Form, View, chain, collinear, inactive, islands, planar, redundant, single, spatial,
+    translational,
+};
 
 /// Contacts, from which on a thread is started: it takes some 30 µs, as long as so many take to be solved.
 const WORTH_A_THREAD: usize = 64;
@@ -85,7 +90,7 @@ pub fn summary(view: &View) -> Summary {
     let whole = whole_size(view);
     reduce(view).map_or_else(
         || Summary {
-            islands: 1,
+            islands: islands::islands(view, &every_contact(view)).len(),
             before: whole,
             after: whole,
             reductions: Vec::new(),
@@ -111,13 +116,8 @@ pub fn solve(
     let whole = size(view.b);
     let share = 1.0 / view.contacts() as f64;
     let solve_part = |part: &Part| -> Report {
-        let problem = Problem::new(
-            Operator::Velocity(part.matrix.clone()),
-            &part.b,
-            &part.friction,
-            view.law,
-        )
-        .expect("a part is a system");
+        let problem = Problem::new(part.operator(), &part.b, &part.friction, view.law)
+            .expect("a part is a system");
         let mut own = *limits;
         own.tolerance = (own.tolerance * part.allowance(view, whole, share)).max(FINEST);
         let start = start.map(|start| part.restrict(view.rows, start));
@@ -212,27 +212,51 @@ fn reduce(view: &View) -> Option<Reduced> {
         ..Summary::default()
     };
     let mut local = LocalBodies::new(view.bodies);
-    let islands = in_order(view, islands::islands(view));
+    let reach = Reach::of(view);
+    let islands = islands::islands(view, &every_contact(view));
     summary.islands = islands.len();
-    let alone = islands.len() == 1;
     let mut touched = 0;
-    for contacts in islands {
-        local.renumber(view, &contacts);
+    let mut pieces = Vec::new();
+    for island in islands {
+        local.renumber(view, &island);
         touched += local.count();
-        let whole = Size {
-            contacts: contacts.len(),
-            rows: contacts.len() * view.rows,
-            velocities: local.count() * view.width,
-        };
+        match &reach {
+            Some(reach) => within_reach(view, reach, island, &mut local, &mut pieces, &mut summary),
+            None => pieces.push(island),
+        }
+    }
+    for mut contacts in in_order(view, pieces) {
+        local.renumber(view, &contacts);
+        let mut whole = part_size(view, &contacts, &local);
         if inactive::nothing_closes(view, &contacts) {
             summary.count("inactive", 1, whole);
             continue;
         }
-        let part = smallest(view, &contacts, &local, alone)?;
+        let part = match view.form {
+            Form::Impulse => {
+                let part = Part::of_delassus(view, &contacts, &mut local);
+                if part.model == Model::Spatial
+                    && contacts.len() == view.contacts()
+                    && contacts.len() > 1
+                {
+                    return None;
+                }
+                part
+            }
+            Form::Velocity => {
+                let kept_open = redundant::leave_out(view, &mut contacts);
+                let less = part_size(view, &contacts, &local);
+                summary.count("redundant", 1, whole.less(less));
+                whole = less;
+                let mut part = smallest(view, &contacts, &local)?;
+                part.keeps_open(kept_open);
+                part
+            }
+        };
         let left = Size {
             contacts: part.friction.len(),
             rows: part.b.len(),
-            velocities: part.matrix.block_columns * part.matrix.width,
+            velocities: part.velocities(),
         };
         summary.count(name(&part), 1, whole.less(left));
         match single::solve(&part, view.law).or_else(|| chain::solve(&part)) {
@@ -254,9 +278,10 @@ fn reduce(view: &View) -> Option<Reduced> {
         // Small islands, all of them put together again.
         return None;
     }
-    let free = (view.bodies - touched.min(view.bodies)) * view.width;
     let removed = Size {
-        velocities: free,
+        velocities: whole_size(view)
+            .velocities
+            .saturating_sub(touched * view.width),
         ..Size::default()
     };
     summary.count("free bodies", 0, removed);
@@ -268,16 +293,52 @@ fn reduce(view: &View) -> Option<Reduced> {
 }
 
 /// Islands, and the contacts of each, in an order that does not depend on the order they came in, by bodies first.
-fn in_order(view: &View, mut islands: Vec<Vec<u32>>) -> Vec<Vec<u32>> {
+///
+/// Contacts of A stay as they came, as its columns do; the solvers order them.
+fn in_order(view: &View, islands: Vec<Vec<u32>>) -> Vec<Vec<u32>> {
     let described = view.described();
     let ascend = |one: &u32, other: &u32| described.compare(*one, *other);
-    for contacts in &mut islands {
-        if !contacts.is_sorted_by(|one, other| ascend(one, other).is_le()) {
-            contacts.sort_by(ascend);
+    let mut led: Vec<(u32, Vec<u32>)> = islands
+        .into_iter()
+        .map(|mut contacts| {
+            if view.form == Form::Velocity
+                && !contacts.is_sorted_by(|one, other| ascend(one, other).is_le())
+            {
+                contacts.sort_by(ascend);
+            }
+            let first = contacts.iter().copied().min_by(ascend);
+            (first.expect("an island has a contact"), contacts)
+        })
+        .collect();
+    led.sort_by(|one, other| ascend(&one.0, &other.0));
+    led.into_iter().map(|(_, contacts)| contacts).collect()
+}
+
+/// Leave out the contacts of an island that are out of reach, and see what it falls into.
+fn within_reach(
+    view: &View,
+    reach: &Reach,
+    island: Vec<u32>,
+    local: &mut LocalBodies,
+    pieces: &mut Vec<Vec<u32>>,
+    summary: &mut Summary,
+) {
+    let whole = part_size(view, &island, local);
+    let mut left = Size::default();
+    let mut waiting = vec![island];
+    while let Some(mut contacts) = waiting.pop() {
+        local.renumber(view, &contacts);
+        let before = contacts.len();
+        reach.leave_out(view, &mut contacts, local);
+        if contacts.len() == before {
+            left.add(part_size(view, &contacts, local));
+            pieces.push(contacts);
+        } else {
+            // The last one waits on top.
+            waiting.extend(islands::islands(view, &contacts).into_iter().rev());
         }
     }
-    islands.sort_by(|one, other| ascend(&one[0], &other[0]));
-    islands
+    summary.count("inactive", 1, whole.less(left));
 }
 
 /// Small parts of the same shape go together, as one: each by itself takes longer to begin than to solve.
@@ -290,7 +351,8 @@ fn gathered(parts: Vec<Part>) -> Vec<Part> {
             continue;
         }
         let fits = |&place: &usize| {
-            result[place].rows == part.rows && result[place].matrix.width == part.matrix.width
+            let pool = &result[place];
+            (pool.form, pool.rows, pool.matrix.width) == (part.form, part.rows, part.matrix.width)
         };
         match open.iter().position(fits) {
             Some(at) => {
@@ -310,7 +372,8 @@ fn gathered(parts: Vec<Part>) -> Vec<Part> {
 }
 
 /// The smallest exact model of an island; None where it is the whole system, and stays as it is.
-fn smallest(view: &View, contacts: &[u32], local: &LocalBodies, alone: bool) -> Option<Part> {
+fn smallest(view: &View, contacts: &[u32], local: &LocalBodies) -> Option<Part> {
+    let alone = contacts.len() == view.contacts();
     let mut runs = Vec::new();
     let mut begin = 0;
     for run in contacts.chunk_by(|&one, &other| view.bodies_of(one) == view.bodies_of(other)) {
@@ -338,11 +401,30 @@ fn smallest(view: &View, contacts: &[u32], local: &LocalBodies, alone: bool) -> 
     Some(stands(proposal).expect("equal rows and rows of zeros are exact"))
 }
 
+fn every_contact(view: &View) -> Vec<u32> {
+    (0..view.contacts() as u32).collect()
+}
+
 fn whole_size(view: &View) -> Size {
     Size {
         contacts: view.contacts(),
         rows: view.b.len(),
-        velocities: view.bodies * view.width,
+        velocities: match view.form {
+            Form::Velocity => view.bodies * view.width,
+            Form::Impulse => 0,
+        },
+    }
+}
+
+/// Of some contacts with their bodies.
+fn part_size(view: &View, contacts: &[u32], local: &LocalBodies) -> Size {
+    Size {
+        contacts: contacts.len(),
+        rows: contacts.len() * view.rows,
+        velocities: match view.form {
+            Form::Velocity => local.count() * view.width,
+            Form::Impulse => 0,
+        },
     }
 }
 

@@ -4,7 +4,8 @@
 //! seen by no contact: V is spanned by the first three, (a) and (b) hold because Ĵ_i Q Qᵀ = Ĵ_i, (c) because C_i = I or,
 //! without friction, the normal. Frictionless spheres are the common case.
 
-use super::lift::{Basis, Columns, LARGEST, LocalBodies, Model, Proposal, WIDEST, size};
+use super::lift::{Basis, Columns, LARGEST, Model, Proposal, WIDEST, size};
+use super::local_bodies::LocalBodies;
 use super::{ROUNDING, View};
 
 /// Take a proposal that keeps all velocities, and keep the translations.

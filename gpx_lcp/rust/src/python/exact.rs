@@ -125,8 +125,8 @@ pub fn exact(
             &interrupted,
         );
         if settings.presolve
-            && let Some(view) = system.view(law)
-            && let Some(found) = presolve::solve(&view, method, &limits, start, settings.threads)
+            && let Some(found) =
+                presolve::solve(&system.view(law), method, &limits, start, settings.threads)
         {
             // Parts that are solved while the whole is not: at tolerances near rounding, the whole has the last word.
             if found.report.status != Status::Solved

@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 
 use super::exact::law_named;
 use crate::exact::{BlockMatrix, Law, Operator, ShapeError};
-use crate::presolve::{self, Size, Summary, View};
+use crate::presolve::{self, Form, FreeMotion, Size, Summary, View};
 use crate::program::Program;
 use crate::solving::{Interrupted, System as Swept, held};
 
@@ -58,6 +58,8 @@ pub struct System {
     scale: Vec<f64>,
     /// The blocks of J in the order of those of Ĵ, where presolve may read them.
     jacobian: Option<Vec<f64>>,
+    /// Where it was said.
+    free: Option<FreeMotion>,
 }
 
 #[pymethods]
@@ -104,8 +106,13 @@ impl System {
         Self::of_delassus(matrix, target, friction)
     }
 
-    /// From Ĵ in compressed rows of blocks, (blocks, rows, width), and the same blocks of J.
+    /// From Ĵ in compressed rows of blocks, (blocks, rows, width), and the same blocks of J; with M⁻¹ in blocks (bodies,
+    /// width, width) and the free velocities (bodies width,), where they are known.
     #[staticmethod]
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "arrays of one system, named where it is made"
+    )]
     fn from_factor(
         starts: &Bound<'_, PyAny>,
         columns: &Bound<'_, PyAny>,
@@ -114,24 +121,37 @@ impl System {
         block_columns: usize,
         target: PyReadonlyArray1<'_, f64>,
         friction: PyReadonlyArray1<'_, f64>,
+        inverse_mass: PyReadonlyArray3<'_, f64>,
+        free_velocity: Option<PyReadonlyArray1<'_, f64>>,
     ) -> PyResult<Self> {
         let shape = (blocks.shape()[1], blocks.shape()[2]);
         let (starts, columns) = (indices("indptr", starts)?, indices("indices", columns)?);
         let values = blocks.as_slice()?.to_vec();
         let matrix = BlockMatrix::new(starts, columns, values, shape, block_columns)?;
         same_length("jacobian", jacobian.len(), matrix.values.len())?;
+        let velocities = block_columns * shape.1;
+        same_length("inverse_mass", inverse_mass.len(), velocities * shape.1)?;
+        let free = match free_velocity {
+            None => None,
+            Some(velocity) => {
+                same_length("free_velocity", velocity.len(), velocities)?;
+                Some(FreeMotion {
+                    velocity: velocity.as_slice()?.to_vec(),
+                    inverse_mass: inverse_mass.as_slice()?.to_vec(),
+                })
+            }
+        };
         Ok(Self {
             jacobian: Some(jacobian.as_slice()?.to_vec()),
+            free,
             ..Self::new(Operator::Velocity(matrix), target, friction)?
         })
     }
 
     /// What presolve would do under one of the laws "normal", "cone" and "coulomb".
-    fn presolve(&self, law: &str) -> PyResult<Option<PresolveSummary>> {
-        let law = law_named(law)?;
-        Ok(self
-            .view(law)
-            .map(|view| presolve_summary(&presolve::summary(&view))))
+    fn presolve(&self, law: &str) -> PyResult<PresolveSummary> {
+        let view = self.view(law_named(law)?);
+        Ok(presolve_summary(&presolve::summary(&view)))
     }
 
     /// ‖natural map‖/‖B‖ of impulses (rows n,) under one of the laws "normal", "cone" and "coulomb".
@@ -201,24 +221,27 @@ impl System {
         )
     }
 
-    /// As presolve reads it; None where the system is A.
-    pub fn view(&self, law: Law) -> Option<View<'_>> {
-        let Operator::Velocity(factor) = &self.operator else {
-            return None;
+    /// As presolve reads it.
+    pub fn view(&self, law: Law) -> View<'_> {
+        let (form, matrix) = match &self.operator {
+            Operator::Velocity(factor) => (Form::Velocity, factor),
+            Operator::Impulse(delassus) => (Form::Impulse, delassus),
         };
-        Some(View {
-            rows: factor.height,
-            width: factor.width,
-            bodies: factor.block_columns,
-            starts: &factor.starts,
-            columns: &factor.columns,
-            whitened: &factor.values,
+        View {
+            form,
+            rows: matrix.height,
+            width: matrix.width,
+            bodies: matrix.block_columns,
+            starts: &matrix.starts,
+            columns: &matrix.columns,
+            whitened: &matrix.values,
             jacobian: self.jacobian.as_deref(),
+            free: self.free.as_ref(),
             b: &self.target,
             largest: presolve::largest(&self.target),
             friction: &self.friction,
             law,
-        })
+        }
     }
 
     fn of_delassus(
@@ -244,6 +267,7 @@ impl System {
         Ok(Self {
             scale: diagonal.iter().map(largest).collect(),
             jacobian: None,
+            free: None,
             operator,
             target,
             friction,
