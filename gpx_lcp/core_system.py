@@ -49,7 +49,7 @@ def _handed_over(system: StackedSystem) -> _core.System:
             columns,
             system.B,
             system.friction,
-            system.inverse_mass,
+            np.ascontiguousarray(system.inverse_mass),
             system.free_velocity,
         )
     matrix = system.A

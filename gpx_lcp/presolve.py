@@ -18,12 +18,12 @@ collinear      all motion along one line at each contact, contacts balanced     
 closed form    one contact; a chain of bodies on one line                         nothing: solved without iteration
 ============== ================================================================== =================================
 
-The impulses of a solution have bounded energy: with c any change of velocity that opens all contacts, for example a stop
-of all bodies, what they change lies in the ball with diameter c. Contact i opens there with at least ½ (Ĵ c)_n - B_n -
-½ ‖Ĵ_n‖ ‖c‖; where that is positive it is out of reach and left out, and what it joined may fall apart. Contacts of a pair
-of bodies on one plane that lie between others, and have no more to cancel than these have there, are kept open by them;
-that holds without friction, and under the convex law where the coefficient is the same. Contacts left out have no
-impulse.
+The impulses of a solution have bounded energy: with c any change of velocity that opens all contacts, for example a
+stop of all bodies, what they change lies in the ball with diameter c. Contact i opens there with at least
+½ (Ĵ c)_n - B_n - ½ ‖Ĵ_n‖ ‖c‖; where that is positive it is out of reach and left out, and what it joined may fall
+apart. Contacts of a pair of bodies on one plane that lie between others, and have no more to cancel than these have
+there, are kept open by them; that holds without friction, and under the convex law where the coefficient is the same.
+Contacts left out have no impulse.
 
 From `frictionless` on all is one theorem, but for the closed form. Gather contacts i in groups g, with weights w_i > 0
 that add up to one and frames C_i (orthonormal columns, the first the normal), and give every body b a subspace of its
@@ -42,9 +42,9 @@ The frictionless and the convex law have one velocity, with or without presolve.
 solutions, and then presolve may find another one. Contacts that share a load in more than one way share it equally,
 or in the plane by the least weights without a moment out of it.
 
-Of a system given by A alone islands, inactive contacts, rows without friction and single contacts are found; it has no
-velocities to count. Not reduced: contacts with friction that others keep open by Coulomb's law, where the load moves the
-friction with it.
+Of a system given by A alone islands, inactive contacts, rows without friction and single contacts are found; it has
+no velocities to count. Not reduced: contacts with friction that others keep open by Coulomb's law, where the load moves
+the friction with it.
 """
 
 from __future__ import annotations

@@ -75,9 +75,7 @@ def test_what_can_be_reached_stays():
 
 def test_reach_is_found_without_the_velocities():
     jacobian = balls_on_a_floor([0.0] * 3, [0.2] * 2)
-    blind = gpx.StackedSystem.from_jacobian(
-        jacobian.jacobian, jacobian.inverse_mass, jacobian.B, jacobian.friction
-    )
+    blind = gpx.StackedSystem.from_jacobian(jacobian.jacobian, jacobian.inverse_mass, jacobian.B, jacobian.friction)
     by_matrix = gpx.StackedSystem(jacobian.A, jacobian.B, jacobian.friction)
     for system in (blind, by_matrix):
         assert removed(assert_same_velocities(system).presolve) == {"inactive": 2, "closed form": 3}
@@ -218,7 +216,7 @@ def test_random_blocks_of_a_matrix_keep_their_velocities(seed, formulation):
     count = int(sizes.sum())
     friction = 0.02 if formulation == "coulomb" else 0.5
     system = gpx.StackedSystem(matrix, rng.normal(size=3 * count), np.full(count, friction))
-    solution = assert_same_velocities(system, formulation)
+    assert_same_velocities(system, formulation)
     assert gpx.presolve(system, formulation).islands == len(sizes)
 
 
@@ -244,7 +242,7 @@ def test_a_matrix_that_is_not_symmetric_keeps_its_contacts():
 
 @pytest.mark.parametrize("friction", [0.0, 0.5])
 def test_a_world_leaves_out_what_is_out_of_reach(friction):
-    """A ball slides along a wall at 10 m/s: half of that at most can turn against the wall, a third of what is needed."""
+    """A ball slides along a wall at 10 m/s, and half of that at most can turn against the wall."""
     scene, material = gpx.Scene(), gpx.Material(friction=friction)
     scene.add_static(gpx.HalfSpace(), material=material)
     scene.add_static(gpx.Box(50, 1, 5), position=(0.0, 1.0 + 0.75 * 10.0 * STEP, 0.0), material=material)
