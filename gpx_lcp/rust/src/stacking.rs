@@ -172,26 +172,27 @@ pub fn stack(
             let MassRoot { linear, angular } = result.roots[body];
             let to_root = angular.transpose();
             result.whitened.columns.push(body as u32);
-            for (direction, sum) in contact.frame[..rows].iter().zip(&mut diagonal) {
-                let force = *direction * sign;
+            let (mut block, mut white) = ([0.0; 18], [0.0; 18]);
+            for (r, sum) in diagonal[..rows].iter_mut().enumerate() {
+                let force = contact.frame[r] * sign;
                 let whitened = force * linear;
                 let mut square = whitened.length_squared();
-                result.blocks.extend_from_slice(&force.to_array());
-                result
-                    .whitened
-                    .values
-                    .extend_from_slice(&whitened.to_array());
+                let at = r * columns;
+                block[at..at + 3].copy_from_slice(&force.to_array());
+                white[at..at + 3].copy_from_slice(&whitened.to_array());
                 if columns == 6 {
                     let moment = arm.cross(force);
-                    let whitened = to_root * moment;
-                    let entries = whitened.to_array();
+                    let entries = (to_root * moment).to_array();
                     // One after another: d_i is then the same number, to the last bit, as in Python.
                     square = entries.iter().fold(square, |sum, x| sum + x * x);
-                    result.blocks.extend_from_slice(&moment.to_array());
-                    result.whitened.values.extend_from_slice(&entries);
+                    block[at + 3..at + 6].copy_from_slice(&moment.to_array());
+                    white[at + 3..at + 6].copy_from_slice(&entries);
                 }
                 *sum += square;
             }
+            let values = &mut result.whitened.values;
+            result.blocks.extend_from_slice(&block[..rows * columns]);
+            values.extend_from_slice(&white[..rows * columns]);
         }
         let end = result.whitened.columns.len();
         result.whitened.starts.push(end);
@@ -204,13 +205,17 @@ pub fn stack(
         result.scale.push(diagonal.into_iter().fold(0.0, f64::max));
 
         let free = relative_velocity(bodies, contact, motion.poses, motion.free);
-        let before = relative_velocity(bodies, contact, motion.poses, motion.velocities);
-        let closing = before.dot(contact.frame[0]);
         let normal = free.dot(contact.frame[0]);
         let [bounce, reversal] = restitution;
-        let impact = (bounce > 0.0 || reversal > 0.0)
-            && contact.gap + motion.time_step * normal < 0.0
-            && closing < -motion.impact_speed;
+        let may_bounce =
+            (bounce > 0.0 || reversal > 0.0) && contact.gap + motion.time_step * normal < 0.0;
+        let before = if may_bounce {
+            relative_velocity(bodies, contact, motion.poses, motion.velocities)
+        } else {
+            Vector::ZERO
+        };
+        let closing = before.dot(contact.frame[0]);
+        let impact = may_bounce && closing < -motion.impact_speed;
         result.impacts.push(impact);
         result.b.push(if impact && bounce > 0.0 {
             -normal - bounce * closing

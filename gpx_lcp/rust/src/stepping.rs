@@ -34,7 +34,7 @@ pub struct Solved {
 #[derive(Default)]
 pub struct Workspace {
     pub state: State,
-    pub touching: Touching,
+    pub touching: Arc<Touching>,
     pub solved: Solved,
     broad_phase: BroadPhase,
     /// Whose pairs the broad phase keeps.
@@ -44,6 +44,14 @@ pub struct Workspace {
 }
 
 impl Workspace {
+    /// Where the contacts of the next step go: nobody else looks at them.
+    pub fn free_touching(&mut self) -> &mut Touching {
+        if Arc::get_mut(&mut self.touching).is_none() {
+            self.touching = Arc::default();
+        }
+        Arc::get_mut(&mut self.touching).expect("it is this workspace's alone")
+    }
+
     /// The pairs that were near each other, if they were pairs of these bodies.
     pub fn kept_pairs(&mut self, bodies: &Arc<Bodies>) -> &mut BroadPhase {
         if !std::ptr::eq(self.bodies.as_ptr(), Arc::as_ptr(bodies)) {
@@ -91,6 +99,7 @@ pub fn step(
     } = conditions;
     let (time_step, rows) = (conditions.time_step, conditions.layout.rows);
     workspace.kept_pairs(bodies);
+    workspace.free_touching();
     let Workspace {
         touching,
         solved,
@@ -101,6 +110,7 @@ pub fn step(
     } = workspace;
     free_velocities(bodies, &instant.state, forces, *gravity, time_step, free);
     require_finite(free.iter().map(Twist::is_finite))?;
+    let touching = Arc::get_mut(touching).expect("it is this workspace's alone");
     let contacts = &mut touching.contacts;
     found(world, broad_phase, free, contacts)?;
     let motion = Motion {

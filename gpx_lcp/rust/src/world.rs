@@ -39,7 +39,7 @@ pub struct Conditions {
 pub struct Instant {
     pub state: State,
     /// In the last step; None before the first.
-    pub touching: Option<Touching>,
+    pub touching: Option<Arc<Touching>>,
     /// What the last step solved, if the core took it.
     pub solved: Option<Solved>,
     /// Taken so far, and how many of them ended above the tolerance.
@@ -48,7 +48,7 @@ pub struct Instant {
 }
 
 /// The contacts of a step with their impulses, N s: where the next one starts.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub struct Touching {
     pub contacts: Vec<Contact>,
     /// Zero in the rows that the step did not have.
@@ -78,12 +78,6 @@ impl Touching {
         self.impulses.extend(impulse.chunks_exact(rows).map(three));
     }
 
-    fn copy(&mut self, other: &Self) {
-        self.contacts.clone_from(&other.contacts);
-        self.impulses.clone_from(&other.impulses);
-        (self.rows, self.time_step) = (other.rows, other.time_step);
-    }
-
     /// Rename the bodies of the contacts; a contact of a body that is no longer there goes.
     fn rename(&mut self, name: impl Fn(u32) -> Option<u32>) {
         let all = self.contacts.drain(..).zip(self.impulses.drain(..));
@@ -100,10 +94,7 @@ impl Instant {
     fn copy(&mut self, other: &Self) {
         self.state.poses.clone_from(&other.state.poses);
         self.state.velocities.clone_from(&other.state.velocities);
-        match &other.touching {
-            Some(touching) => self.touching.get_or_insert_default().copy(touching),
-            None => self.touching = None,
-        }
+        self.touching.clone_from(&other.touching);
         (self.steps, self.unsolved) = (other.steps, other.unsolved);
     }
 
@@ -177,7 +168,7 @@ impl World {
         workspace: &mut Workspace,
     ) -> Result<(), Failure> {
         moved(self, contacts, stack, impulse, &mut workspace.state)?;
-        let touching = &mut workspace.touching;
+        let touching = workspace.free_touching();
         touching.contacts = contacts.to_vec();
         touching.receive(impulse, stack.layout.rows, self.conditions.time_step);
         self.instant.solved = None;
@@ -195,7 +186,7 @@ impl World {
         self.instant.state.poses.push(pose);
         self.instant.state.velocities.push(velocity);
         if let Some(touching) = &mut self.instant.touching {
-            touching.rename(|body| Some(body + u32::from(body >= row)));
+            Arc::make_mut(touching).rename(|body| Some(body + u32::from(body >= row)));
         }
     }
 
@@ -208,7 +199,8 @@ impl World {
         self.bodies = bodies;
         let number = number as u32;
         if let Some(touching) = &mut self.instant.touching {
-            touching.rename(|body| (body != number).then(|| body - u32::from(body > number)));
+            let name = |body| (body != number).then(|| body - u32::from(body > number));
+            Arc::make_mut(touching).rename(name);
         }
     }
 }

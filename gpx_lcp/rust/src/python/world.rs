@@ -178,7 +178,7 @@ impl World {
                 layout(rows, 6)?;
                 same_length("impulse", impulse.as_slice()?.len(), contacts.len() * rows)?;
                 touching.receive(impulse.as_slice()?, rows, time_step);
-                Some(touching)
+                Some(Arc::new(touching))
             }
         };
         Ok(())
