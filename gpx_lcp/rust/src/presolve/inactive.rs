@@ -97,14 +97,16 @@ impl Reach {
                 }
             }
         }
-        let squares = (0..view.bodies as u32).map(|body| {
-            let block = &free.inverse_mass[body as usize * width * width..][..width * width];
-            twice_kinetic_energy(block, velocity(body))
-        });
-        Some(Self {
-            opening,
-            squares: squares.collect::<Option<_>>()?,
-        })
+        let mut squares = Vec::with_capacity(view.bodies);
+        let mut scratch = Vec::new();
+        for (velocity, block) in free
+            .velocity
+            .chunks_exact(width)
+            .zip(free.inverse_mass.chunks_exact(width * width))
+        {
+            squares.push(twice_kinetic_energy(block, velocity, &mut scratch)?);
+        }
+        Some(Self { opening, squares })
     }
 
     /// c = Ĵᵀ q.
@@ -267,29 +269,34 @@ fn squared_row(view: &View, contact: u32, row: usize) -> f64 {
 }
 
 /// v·M v by factors M⁻¹ = L Lᵀ; None where M⁻¹ is singular and the body moves.
-fn twice_kinetic_energy(inverse_mass: &[f64], velocity: &[f64]) -> Option<f64> {
+fn twice_kinetic_energy(
+    inverse_mass: &[f64],
+    velocity: &[f64],
+    scratch: &mut Vec<f64>,
+) -> Option<f64> {
     let n = velocity.len();
     if velocity.iter().all(|&v| v == 0.0) {
         return Some(0.0);
     }
-    let mut factor = inverse_mass.to_vec();
-    let mut solved = velocity.to_vec();
+    scratch.clear();
+    scratch.extend_from_slice(inverse_mass);
+    scratch.extend_from_slice(velocity);
+    let (factor, solved) = scratch.split_at_mut(n * n);
     for i in 0..n {
-        for j in 0..=i {
-            let known = dot(&factor[i * n..][..j], &factor[j * n..][..j]);
-            let entry = inverse_mass[i * n + j] - known;
-            if j < i {
-                factor[i * n + j] = entry / factor[j * n + j];
-            } else if entry > ROUNDING * inverse_mass[i * n + i] {
-                factor[i * n + i] = entry.sqrt();
-            } else {
-                return None;
-            }
+        let (above, own) = factor.split_at_mut(i * n);
+        let own = &mut own[..n];
+        for j in 0..i {
+            let row = &above[j * n..][..=j];
+            own[j] = (own[j] - dot(&own[..j], &row[..j])) / row[j];
         }
-        let known = dot(&factor[i * n..][..i], &solved[..i]);
-        solved[i] = (solved[i] - known) / factor[i * n + i];
+        let entry = own[i] - dot(&own[..i], &own[..i]);
+        if entry <= ROUNDING * inverse_mass[i * n + i] || entry.is_nan() {
+            return None;
+        }
+        own[i] = entry.sqrt();
+        solved[i] = (solved[i] - dot(&own[..i], &solved[..i])) / own[i];
     }
-    Some(dot(&solved, &solved))
+    Some(dot(solved, solved))
 }
 
 #[cfg(test)]
@@ -298,19 +305,24 @@ mod tests {
 
     #[test]
     fn energy_needs_every_direction_to_have_a_mass() {
-        let free = twice_kinetic_energy(&[0.5, 0.0, 0.0, 0.25], &[3.0, 1.0]).expect("regular");
+        let free = twice_kinetic_energy(&[0.5, 0.0, 0.0, 0.25], &[3.0, 1.0], &mut Vec::new())
+            .expect("regular");
         assert!((free - 22.0).abs() < 1e-14);
         assert_eq!(
-            twice_kinetic_energy(&[0.5, 0.0, 0.0, 0.0], &[3.0, 1.0]),
+            twice_kinetic_energy(&[0.5, 0.0, 0.0, 0.0], &[3.0, 1.0], &mut Vec::new()),
             None
         );
-        assert_eq!(twice_kinetic_energy(&[0.0; 4], &[0.0; 2]), Some(0.0));
+        assert_eq!(
+            twice_kinetic_energy(&[0.0; 4], &[0.0; 2], &mut Vec::new()),
+            Some(0.0)
+        );
     }
 
     #[test]
     fn energy_follows_the_inverse_of_coupled_blocks() {
         // M = [[2, −1], [−1, 2]] / 3 is the inverse of [[2, 1], [1, 2]].
-        let energy = twice_kinetic_energy(&[2.0, 1.0, 1.0, 2.0], &[1.0, 3.0]).expect("regular");
+        let energy = twice_kinetic_energy(&[2.0, 1.0, 1.0, 2.0], &[1.0, 3.0], &mut Vec::new())
+            .expect("regular");
         assert!((energy - 14.0 / 3.0).abs() < 1e-14);
     }
 }
