@@ -45,6 +45,9 @@ or in the plane by the least weights without a moment out of it.
 Of a system given by A alone islands, inactive contacts, rows without friction and single contacts are found; it has
 no velocities to count. Not reduced: contacts with friction that others keep open by Coulomb's law, where the load moves
 the friction with it.
+
+Other solvers take the system as it is: sweeps and frictionless pivots take longer for islands one by one than for all
+of them at once. Where `lemke` takes friction as a pyramid it would gain, and does not yet.
 """
 
 from __future__ import annotations
