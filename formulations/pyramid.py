@@ -118,7 +118,8 @@ def pyramid_qp_residual(system: StackedSystem, impulse: Array, facets: int = DEF
 
 def _basis(system: StackedSystem, groups: Sequence[Array]) -> sp.csr_array:
     """Return the block-diagonal matrix from z to impulses: a column for p_n, one for each β, and zeros for each λ."""
-    directions = np.concatenate([np.asarray(group).reshape(-1, system.rows - 1) for group in groups])
+    # Contacts of one row have no tangent directions, and their box has no group of them.
+    directions = np.concatenate([np.zeros((0, system.rows - 1)), *groups])
     block = np.zeros((system.rows, 1 + len(directions) + len(groups)))
     block[0, 0] = 1.0
     block[1:, 1 : 1 + len(directions)] = directions.T

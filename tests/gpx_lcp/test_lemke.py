@@ -139,3 +139,12 @@ def test_the_nasty_problems(problems):
         data = np.load(file)
         solution = gpx.solve_lcp(data["M"], data["q"], tolerance=1e-10)
         assert solution.status is gpx.Status.SOLVED, file.name
+
+
+@pytest.mark.parametrize("formulation", ["pyramid", "box"])
+def test_contacts_of_one_row_have_no_friction_to_pose(formulation):
+    # Two masses of 1 kg on each other: loads 2 and 1, times the 0.5 m/s that only the ground's contact has to cancel.
+    system = gpx.StackedSystem([[1.0, -1.0], [-1.0, 2.0]], [0.5, 0.0], [0.3, 0.3])
+    solution = gpx.solve(system, formulation, "lemke")
+    assert solution.status is gpx.Status.SOLVED
+    np.testing.assert_allclose(solution.impulse, [[1.0], [0.5]], rtol=1e-14)
