@@ -21,14 +21,16 @@ compare: setup
 
 # Every suite, and one page about all of them: results/report.html.
 report: compare
-	for suite in fclib impacts presolve overhead; do $(BIN)/python -m benchmarks run $$suite || exit $$?; done
-	$(BIN)/python -m benchmarks check results/stacks results/fclib results/impacts results/presolve
-	$(BIN)/python -m benchmarks report results/stacks results/fclib results/impacts results/presolve results/overhead
+	for suite in fclib impacts presolve stability overhead; do $(BIN)/python -m benchmarks run $$suite || exit $$?; done
+	$(BIN)/python -m benchmarks check $(addprefix results/,stacks fclib impacts presolve stability)
+	$(BIN)/python -m benchmarks report $(addprefix results/,stacks fclib impacts presolve stability overhead)
 
-# The picture of README.md, from the rows in results/stacks.
+# The pictures of README.md, from results/stacks and results/stability: `make report` writes both.
 pictures:
 	cp results/stacks/speed-accuracy-cold.png benchmarks/pictures/speed-accuracy.png
 	cp results/stacks/speed-accuracy-cold.svg benchmarks/pictures/speed-accuracy.svg
+	cp results/stability/map.png benchmarks/pictures/stability.png
+	cp results/stability/map.svg benchmarks/pictures/stability.svg
 
 test: setup
 	$(BIN)/python -m pytest

@@ -88,7 +88,7 @@ class ModeBatch:
     settings : sequence of Setting or None
         One for each attempt; None for an engine that is missing.
     rung_limit : float, s
-        Wall time of a rung.
+        Time of a rung.
     stride : int
         1 for every rung, 2 for every other one, up to the last.
     most : int or None
@@ -211,17 +211,20 @@ def solve(mode: Mode, question: SystemQuestion, setting: Setting, time_limit: fl
 
 
 def simulate(mode: Mode, question: SceneQuestion, setting: Setting, time_limit: float) -> Outcome:
-    """Let an engine step a scene; it ends at the first step beyond the time limit, or that is not finite."""
+    """Let an engine step a scene; it ends at the first step beyond the time limit, or that is not finite.
+
+    The limit is processor time: 'too slow' should not depend on what else the machine does.
+    """
     bodies = Bodies.from_scene(question.scene)
     seconds: list[float] = []
     status = RAN
     methods: list[str] = []
     engine = engines.ENGINES[setting.engine]
-    start = time.perf_counter()
+    start = time.process_time()
     with closing(engine.simulate(question.scene, question.time_step, setting, time_limit)) as simulation:
         path = [bodies.start.position]
         before = after = simulation.motion()
-        while len(seconds) < question.steps and time.perf_counter() - start <= time_limit:
+        while len(seconds) < question.steps and time.process_time() - start <= time_limit:
             before = after
             tick = time.perf_counter()
             simulation.step()

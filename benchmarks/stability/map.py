@@ -9,7 +9,6 @@ from typing import Final
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Rectangle
 
 from benchmarks.attempts import OWN
@@ -20,6 +19,14 @@ from benchmarks.stability.contestants import FRICTIONLESS
 from benchmarks.style import INK, PALETTE, QUIET, house_style
 
 SYMBOLS: Final = {STANDS: "✓", OTHER_LAW: "≠", SAYS_SO: "!", TOO_SLOW: "…", DIVERGES: "∞", SILENT: "✗"}
+WORDS: Final = {
+    STANDS: "stands to the last rung",
+    OTHER_LAW: "poses another law,\nwhich differs here",
+    SAYS_SO: "says that it failed",
+    TOO_SLOW: "too slow",
+    DIVERGES: "diverges",
+    SILENT: "wrong, and nothing\nreports it",
+}
 # Light to dark with how bad it is, so that the map reads in grey, too; colour and symbol say the same.
 FILL: Final = {
     STANDS: "#dbeeea",
@@ -31,8 +38,9 @@ FILL: Final = {
 }
 LIGHT_INK: Final = frozenset((DIVERGES, SILENT))
 
-# Of a cell, inches.
-WIDTH, HEIGHT = 0.62, 0.36
+# Of a cell, of the words left of the cells, and of a letter of a column's name, inches.
+WIDTH, HEIGHT = 0.62, 0.4
+LEFT, LETTER = 4.1, 0.083
 
 Column = tuple[str, str, str]
 
@@ -42,9 +50,10 @@ def draw_map(found: Sequence[Break], footer: str, stem: Path) -> list[Path]:
     columns, modes = columns_of(found), list(dict.fromkeys(one.mode for one in found))
     cells = {(one.mode, one.engine, one.solver, one.formulation): one for one in found}
     with house_style():
-        size = (6.2 + WIDTH * len(columns), 3.9 + HEIGHT * len(modes))
-        figure = Figure(figsize=size, layout=ConstrainedLayoutEngine())
-        ax = figure.subplots()
+        # The axes are the cells and nothing else; words lie outside, and the picture is as large as they need.
+        width, height = WIDTH * len(columns), HEIGHT * len(modes)
+        figure = Figure(figsize=(width, height))
+        ax = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         for row, mode in enumerate(modes):
             for place, (engine, solver, formulation) in enumerate(columns):
                 posed = FRICTIONLESS if cells_without_friction(mode, found) and engine == OWN else formulation
@@ -52,14 +61,21 @@ def draw_map(found: Sequence[Break], footer: str, stem: Path) -> list[Path]:
                 if one is not None:
                     _cell(ax, place, row, one)
         _frame(ax, columns, [next(one for one in found if one.mode == mode) for mode in modes])
-        _legend(ax, len(modes))
-        figure.suptitle("Where each solver breaks, and how", x=0.01, ha="left", fontsize=17, fontweight="bold")
+        left, names = -LEFT / width, LETTER * max(len(_words(column)) for column in columns)
+        handles = [Rectangle((0, 0), 1, 1, facecolor=FILL[name]) for name in WORDS]
+        entries = [f"{SYMBOLS[name]}  {text}" for name, text in WORDS.items()]
+        ax.legend(
+            handles, entries, loc="upper left", bbox_to_anchor=(left, -0.1 / height), ncols=6, fontsize=12,
+            borderaxespad=0.0,
+        )  # fmt: skip
+        title = "Where each solver breaks, and how"
+        figure.text(left, 1.0 + (0.4 + names) / height, title, fontsize=17, fontweight="bold")
         note = (
             "A cell is the rung on which a solver breaks; the ladder of a failure mode is written beside it. Ladders "
             "without friction pose the program normal, whichever else a column stands for. Empty: not asked."
         )
-        text = "\n".join(textwrap.fill(part, int(size[0] / 0.083)) for part in (note, footer))
-        figure.text(0.01, -0.012, text, ha="left", va="top", fontsize=11, color=QUIET)
+        text = "\n".join(textwrap.fill(part, max(100, int((width + LEFT) / 0.083))) for part in (note, footer))
+        figure.text(left, -0.75 / height, text, va="top", fontsize=11, color=QUIET)
         return save(figure, stem)
 
 
@@ -94,7 +110,7 @@ def _frame(ax: Axes, columns: Sequence[Column], ladders: Sequence[Break]) -> Non
         side.set_visible(False)
     ax.tick_params(length=0)
     ax.xaxis.tick_top()
-    names = [" ".join(filter(None, ("" if engine == OWN else engine, *rest))) for engine, *rest in columns]
+    names = [_words(column) for column in columns]
     ax.set_xticks(range(len(columns)), names, rotation=52, ha="left", rotation_mode="anchor", fontsize=12)
     ax.set_yticks([])
     for row, one in enumerate(ladders):
@@ -108,15 +124,6 @@ def _frame(ax: Axes, columns: Sequence[Column], ladders: Sequence[Break]) -> Non
             ax.axvline(place - 0.5, color=INK, linewidth=1.2)
 
 
-def _legend(ax: Axes, rows: int) -> None:
-    words = {
-        STANDS: "stands to the last rung",
-        OTHER_LAW: "poses another law,\nwhich differs here",
-        SAYS_SO: "says that it failed",
-        TOO_SLOW: "too slow",
-        DIVERGES: "diverges",
-        SILENT: "wrong, and nothing\nreports it",
-    }
-    handles = [Rectangle((0, 0), 1, 1, facecolor=FILL[name]) for name in words]
-    entries = [f"{SYMBOLS[name]}  {text}" for name, text in words.items()]
-    ax.legend(handles, entries, loc="upper center", bbox_to_anchor=(0.4, -0.3 / rows), ncols=6, fontsize=12)
+def _words(column: Column) -> str:
+    engine, *rest = column
+    return " ".join(filter(None, ("" if engine == OWN else engine, *rest)))

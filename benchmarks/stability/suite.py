@@ -23,7 +23,7 @@ from benchmarks.stability.table import MODES, QUICK
 from benchmarks.tables import new_table
 
 NAME = "stability"
-RUNG_LIMIT, QUICK_RUNG_LIMIT = 1.0, 0.2
+RUNG_LIMIT, QUICK_RUNG_LIMIT = 0.5, 0.2
 
 
 class Stability:
