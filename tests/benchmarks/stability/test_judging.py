@@ -131,7 +131,7 @@ class FakeSimulation:
 
 def slowly(position):
     begun = time.process_time()
-    while time.process_time() - begun < 0.03:
+    while time.process_time() - begun < 0.1:
         pass
     return position
 
@@ -149,7 +149,7 @@ def slowly(position):
 )
 def test_an_engine_ends_as_what_it_did_says(monkeypatch, engine, outcome):
     monkeypatch.setattr(engines, "ENGINES", {"fake": engine})
-    outcomes = climb("mass-ratio", Setting("fake", "any", "coulomb", "any", 0.0), limit=0.5)
+    outcomes = climb("mass-ratio", Setting("fake", "any", "coulomb", "any", 0.0), limit=0.3)
     assert outcomes[0] == outcome
     assert outcomes[1] == (STANDS if outcome == STANDS else NOT_CLIMBED)
 
