@@ -18,6 +18,7 @@ $(STAMP): $(SOURCES)
 
 compare: setup
 	$(BIN)/python -m benchmarks run stacks $(ARGUMENTS)
+	$(BIN)/python -m benchmarks run stability --quick --out results/quick
 
 # Every suite, and one page about all of them: results/report.html.
 report: compare
