@@ -7,6 +7,7 @@ from pathlib import Path
 
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure, SubFigure
@@ -91,14 +92,14 @@ def log_axes(ax: Axes) -> None:
     ax.set_yscale("log")
     ax.yaxis.set_major_locator(LogLocator(base=1000.0, numticks=12))
     ax.yaxis.set_minor_locator(NullLocator())
-    plain_times(ax)
+    plain_decades(ax.xaxis)
 
 
-def plain_times(ax: Axes) -> None:
-    """Label a logarithmic x axis with plain numbers, one for each power of ten."""
-    ax.xaxis.set_major_locator(LogLocator(base=10.0, numticks=12))
-    ax.xaxis.set_minor_locator(NullLocator())
-    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+def plain_decades(axis: Axis) -> None:
+    """Label a logarithmic axis with plain numbers, one for each power of ten."""
+    axis.set_major_locator(LogLocator(base=10.0, numticks=12))
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
 
 
 def draw_legends(figure: SubFigure, blocks: Sequence[tuple[str, Sequence[Entry]]]) -> None:

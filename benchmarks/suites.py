@@ -9,9 +9,11 @@ from benchmarks.fclib.suite import Fclib
 from benchmarks.impacts.suite import Impacts
 from benchmarks.overhead import Overhead
 from benchmarks.presolve.suite import Presolve
+from benchmarks.scaling import Scaling
 from benchmarks.stability.suite import Stability
 from benchmarks.stacks_suite import Stacks
 
 SUITES: Mapping[str, Suite] = {
-    suite.name: suite for suite in (Stacks(), Fclib(), Impacts(), Presolve(), Stability(), Overhead())
+    suite.name: suite
+    for suite in (Stacks(), Stability(), Fclib(), Impacts(), Presolve(), Scaling(), Overhead())
 }

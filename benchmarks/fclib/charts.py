@@ -23,7 +23,7 @@ from benchmarks.drawing import (
     log_axes,
     panel_grid,
     pareto_front,
-    plain_times,
+    plain_decades,
     save,
     swatch,
     title_panel,
@@ -176,7 +176,7 @@ def _draw_profile(ax: Axes, panel: Panel, own: Mapping[str, str], named: Mapping
     ax.set_xlim(0.93, farthest)
     ax.set_ylim(-0.02, 1.03)
     ax.yaxis.set_major_formatter(PercentFormatter(1.0))
-    plain_times(ax)
+    plain_decades(ax.xaxis)
 
 
 def _draw_curve(ax: Axes, curve: Curve, farthest: float, **style: Any) -> None:
