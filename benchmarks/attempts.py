@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 OWN = "gpx-lcp"
 COLD = "cold"
 
+# The figure of a suite that compares solvers of programs that are not the exact law: it judges by the program.
+PROGRAM_RESIDUAL = "program_residual"
+
 # What the status of a row may be besides the engine's own word.
 INTERRUPTED, MISSING, REFUSED, ERROR, UNREADABLE = "interrupted", "missing", "refused", "error", "unreadable"
 
@@ -46,8 +49,8 @@ class Attempt:
     effort : float
         The setting's value: points of one line in a chart are joined in the order of effort.
     tolerance : float or None
-        Bound on the natural map of the certificate, by which the attempt is judged; None for a setting that promises
-        none.
+        Bound on the natural map of the certificate, by which the attempt is judged, or on the residual of the program
+        where the row has a figure `PROGRAM_RESIDUAL`; None for a setting that promises none.
     engine : str
     engine_version : str
     seed : int

@@ -9,11 +9,12 @@ from benchmarks.fclib.suite import Fclib
 from benchmarks.impacts.suite import Impacts
 from benchmarks.overhead import Overhead
 from benchmarks.presolve.suite import Presolve
+from benchmarks.qp import Qp
 from benchmarks.scaling import Scaling
 from benchmarks.stability.suite import Stability
 from benchmarks.stacks_suite import Stacks
 
 SUITES: Mapping[str, Suite] = {
     suite.name: suite
-    for suite in (Stacks(), Stability(), Fclib(), Impacts(), Presolve(), Scaling(), Overhead())
+    for suite in (Stacks(), Stability(), Fclib(), Qp(), Impacts(), Presolve(), Scaling(), Overhead())
 }
