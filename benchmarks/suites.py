@@ -15,6 +15,5 @@ from benchmarks.stability.suite import Stability
 from benchmarks.stacks_suite import Stacks
 
 SUITES: Mapping[str, Suite] = {
-    suite.name: suite
-    for suite in (Stacks(), Stability(), Fclib(), Qp(), Impacts(), Presolve(), Scaling(), Overhead())
+    suite.name: suite for suite in (Stacks(), Stability(), Fclib(), Qp(), Impacts(), Presolve(), Scaling(), Overhead())
 }

@@ -117,7 +117,7 @@ def test_a_load_too_heavy_for_the_tolerance_is_not_called_infeasible(solver, rat
 
 @both_solvers
 def test_table_on_nine_legs_shares_its_load_alike_among_like_legs(solver):
-    """The ground carries 19 kg. What each leg carries is indeterminate; of the smallest impulses corners get the same."""
+    """The ground carries 19 kg. What each leg carries is indeterminate; of the smallest impulses corners get alike."""
     scene = scenes.table(9)
     impulse, velocity = solve_scene(scene, solver)
     assert load_on(scene, impulse, fixed_only=True)[:9].sum() == pytest.approx(19 * G, rel=1e-7)
