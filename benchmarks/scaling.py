@@ -30,7 +30,7 @@ from benchmarks.attempts import COLD, OWN, Answer, Attempt, Outcome
 from benchmarks.bodies import Bodies
 from benchmarks.charts import Look, look_of
 from benchmarks.drawing import Entry, draw_legends, label_figure, panel_grid, plain_decades, save, title_panel
-from benchmarks.engines import ENGINES
+from benchmarks.engines import ENGINES, as_shipped
 from benchmarks.interface import Setting
 from benchmarks.measures import measure
 from benchmarks.records import Record
@@ -85,11 +85,7 @@ def settings() -> list[Setting]:
     newton = Setting(
         OWN, "newton", "coulomb", f"tolerance {SOLVER_TOLERANCE:.0e}", 8.0, {"tolerance": SOLVER_TOLERANCE}
     )
-    peers = [engine.settings(False) for name, engine in ENGINES.items() if name != OWN and engine.version()]
-    simulating = [[setting for setting in all_of_it if not setting.first_step_only] for all_of_it in peers]
-    # An engine without a setting of that name has none to choose between.
-    shipped = [([each for each in some if "as shipped" in each.solver] or some)[:1] for some in simulating]
-    return [sweeps, threaded, newton, *(setting for few in shipped for setting in few)]
+    return [sweeps, threaded, newton, *as_shipped()]
 
 
 @dataclass(frozen=True)

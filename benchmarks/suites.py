@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from benchmarks.analytic import Analytic
 from benchmarks.attempts import Suite
 from benchmarks.fclib.suite import Fclib
 from benchmarks.impacts.suite import Impacts
@@ -15,5 +16,6 @@ from benchmarks.stability.suite import Stability
 from benchmarks.stacks_suite import Stacks
 
 SUITES: Mapping[str, Suite] = {
-    suite.name: suite for suite in (Stacks(), Stability(), Fclib(), Qp(), Impacts(), Presolve(), Scaling(), Overhead())
+    suite.name: suite
+    for suite in (Stacks(), Stability(), Analytic(), Fclib(), Qp(), Impacts(), Presolve(), Scaling(), Overhead())
 }

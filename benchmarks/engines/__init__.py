@@ -12,12 +12,22 @@ from benchmarks.engines.mujoco import MuJoCo
 from benchmarks.engines.pinocchio import Pinocchio
 from benchmarks.engines.pybullet import PyBullet
 from benchmarks.engines.rapier import Rapier
-from benchmarks.interface import Engine
+from benchmarks.interface import Engine, Setting
 
 ENGINES: Mapping[str, Engine] = {
     engine.name: engine for engine in (GpxLcp(), PyBullet(), MuJoCo(), Rapier(), Dart(), Drake(), Pinocchio())
 }
 
-__all__ = ["ENGINES", "OWN", "PEERS"]
+__all__ = ["ENGINES", "OWN", "PEERS", "as_shipped"]
 
 PEERS = tuple(name for name in ENGINES if name != OWN)
+
+
+def as_shipped() -> list[Setting]:
+    """Return the setting with which each installed peer comes; the first one of an engine that names none so."""
+    found = []
+    for name in PEERS:
+        if ENGINES[name].version():
+            simulating = [setting for setting in ENGINES[name].settings(False) if not setting.first_step_only]
+            found += ([each for each in simulating if "as shipped" in each.solver] or simulating)[:1]
+    return found
