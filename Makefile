@@ -22,11 +22,11 @@ compare: setup
 
 # Those that keep impulses, which `check` certifies again, and the others.
 CERTIFIED := stability fclib qp impacts presolve scaling
-OTHERS := analytic overhead
+OTHERS := analytic kernels overhead
 
 # Every suite, and one page about all of them: results/report.html. ARGUMENTS=--quick makes it minutes instead of an hour.
 report: compare
-	for suite in $(CERTIFIED) analytic; do $(BIN)/python -m benchmarks run $$suite $(ARGUMENTS) || exit $$?; done
+	for suite in $(CERTIFIED) analytic kernels; do $(BIN)/python -m benchmarks run $$suite $(ARGUMENTS) || exit $$?; done
 	$(BIN)/python -m benchmarks run overhead
 	$(BIN)/python -m benchmarks check $(addprefix results/,stacks $(CERTIFIED))
 	$(BIN)/python -m benchmarks report $(addprefix results/,stacks $(CERTIFIED) $(OTHERS))

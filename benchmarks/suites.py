@@ -8,6 +8,7 @@ from benchmarks.analytic import Analytic
 from benchmarks.attempts import Suite
 from benchmarks.fclib.suite import Fclib
 from benchmarks.impacts.suite import Impacts
+from benchmarks.kernels import Kernels
 from benchmarks.overhead import Overhead
 from benchmarks.presolve.suite import Presolve
 from benchmarks.qp import Qp
@@ -17,5 +18,16 @@ from benchmarks.stacks_suite import Stacks
 
 SUITES: Mapping[str, Suite] = {
     suite.name: suite
-    for suite in (Stacks(), Stability(), Analytic(), Fclib(), Qp(), Impacts(), Presolve(), Scaling(), Overhead())
+    for suite in (
+        Stacks(),
+        Stability(),
+        Analytic(),
+        Fclib(),
+        Qp(),
+        Impacts(),
+        Presolve(),
+        Scaling(),
+        Kernels(),
+        Overhead(),
+    )
 }
