@@ -91,7 +91,7 @@ def _sweep(scene: gpx.Scene, title: str, formulation: str, quick: bool = True) -
 def _factorisation(rows: int, quick: bool = True) -> Kernel:
     def measure() -> tuple[float, dict[str, Figure]]:
         system = gpx.World(gpx.scenes.wall(rows), time_step=stacks.TIME_STEP).system()
-        solution = gpx.solve(system, "coulomb", "interior_point", tolerance=1e-8, presolve=False)
+        solution = gpx.solve(system, "coulomb", "newton", tolerance=1e-8, presolve=False)
         fill, times = solution.extras["fill"], solution.extras["factorisations"]
         if not times:
             raise gpx.SettingsError(f"wall of {rows} rows was solved without a factorisation")
