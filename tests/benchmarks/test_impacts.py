@@ -60,3 +60,8 @@ def test_the_page_in_docs_says_what_the_laws_say():
         assert f"| `{law.name}` | {law.summary} | {law.promises} | {law.breaks} |" in page
     for case in cases.CASES.values():
         assert f"| {case.title} | {case.known} |" in page
+
+
+def test_what_is_right_without_impulses_of_its_own_claims_nothing_about_them(tmp_path):
+    run(tmp_path, "--scene", "observer", "--scene", "superball")
+    assert cli.main(["check", str(tmp_path / "impacts")], Console(file=io.StringIO())) == 0
