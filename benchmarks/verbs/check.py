@@ -70,7 +70,7 @@ def breaches_of(folder: Path, records: Sequence[Record]) -> Iterator[Breach]:
     archives: dict[str, Archive] = {}
     for record in records:
         if not record.answer:
-            # Without a tolerance, what was reached is no claim about impulses: an apex, say, or a balance of many cases.
+            # Without a tolerance, what was reached is no claim about impulses: an apex, or the balance of many.
             if record.certificate or (record.reached and record.tolerance is not None):
                 yield Breach(record, "it states a certificate, but no impulses are kept")
             continue
