@@ -13,7 +13,7 @@ from gpx_lcp.errors import SettingsError
 from gpx_lcp.solution import Status
 from gpx_lcp.solvers._interface import Outcome, Request
 
-MAX_STEPS: Final = 1000
+MAX_STEPS: Final = 3000
 MAX_THREADS: Final = 256
 # The settings of both: threads that presolve's islands are solved on.
 DEFAULTS: Final = {"threads": 1}

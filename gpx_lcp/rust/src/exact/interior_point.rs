@@ -27,9 +27,10 @@ use super::problem::{Best, Limits, Problem};
 use super::small::{IDENTITY, Matrix, Vector, ZERO, dot, product, tangent_norm, times};
 use fold::Fold;
 
-/// Steps in which the residual must fall by a tenth, or τ by three tenths, or the iteration is called stalled.
+/// Steps off the path, one after another, in which the residual must fall by a tenth, or τ by three tenths, or the
+/// iteration is called stalled.
 const PATIENCE: usize = 6;
-/// The same for steps along the path and near it, which is a long way from one fold to the next.
+/// The same for all steps: along the path it is a long way from one fold to the next.
 const LONG_PATIENCE: usize = 60;
 
 /// The share of the way to the boundary of the cones that a step may go. Where folds are to be followed, it is nine tenths,
@@ -41,10 +42,8 @@ const DAMPING: f64 = 0.99;
 pub struct Start {
     /// The expected size of the impulses where velocities are of size one: r starts at that multiple of e, z at e.
     pub impulse_size: f64,
-    /// ε/τ.
+    /// ε/τ where the path does not ask for more.
     pub smoothing: f64,
-    /// Whether the path is followed around its folds.
-    pub folds: bool,
 }
 
 /// The size of impulses p, the root mean square of √d p, where velocities are of size one.
@@ -98,7 +97,11 @@ pub fn interior_point(
             (idle, lost) = (0, 0);
         } else {
             idle += 1;
-            lost += usize::from(!point.fold.as_ref().is_some_and(Fold::on_path));
+            lost = if point.fold.as_ref().is_some_and(Fold::on_path) {
+                0
+            } else {
+                lost + 1
+            };
         }
         let finished = best.residual <= limits.tolerance || step == limits.iterations;
         if finished
@@ -126,7 +129,9 @@ struct Point {
     /// Scaled velocities S u.
     u: Vec<Vector>,
     tau: f64,
+    /// ε/τ.
     smoothing: f64,
+    least_smoothing: f64,
     /// ρ = z − y(u).
     rho: Vec<Vector>,
     coupling: Vec<Matrix>,
@@ -181,13 +186,14 @@ impl Point {
             u: vec![ZERO; contacts],
             tau: start.impulse_size,
             smoothing: start.smoothing,
+            least_smoothing: start.smoothing,
             rho: vec![ZERO; contacts],
             coupling: vec![IDENTITY; contacts],
             scaling: Vec::with_capacity(contacts),
             residual: f64::INFINITY,
             scratch: Vec::new(),
             length: 1.0,
-            fold: (start.folds && problem.coupled).then(Fold::new),
+            fold: problem.coupled.then(Fold::new),
         }
     }
 
@@ -263,6 +269,7 @@ impl Point {
             }
             self.fold = Some(fold);
             damping = 0.9 + 0.09 * reach;
+            self.sharpen();
         }
         let sigma = self.centring(reach);
 

@@ -25,7 +25,7 @@ pub const WARM_TRUST: f64 = 100.0;
 const LARGEST_TRUST: f64 = 1e9;
 const SMALLEST_TRUST: f64 = 1e-6;
 /// An inner solve of at most so many Newton steps is easy: more trust. One of more than `HARD` steps: less.
-const EASY: usize = 6;
+const EASY: usize = 4;
 const HARD: usize = 25;
 /// A solved inner problem that raises the residual by more than that has been solved to rounding, not to anything better.
 const NOISY: f64 = 30.0;
@@ -91,7 +91,7 @@ pub fn proximal_newton(
                 sigma *= 0.5;
             } else if inner.steps <= EASY {
                 sigma = (10.0 * sigma).min(ceiling).min(LARGEST_TRUST);
-                ceiling *= 2.0;
+                ceiling *= 1.4;
             } else if inner.steps > HARD {
                 sigma *= 0.7;
             }

@@ -11,11 +11,16 @@
 //! Nesterov-Todd scaling. The side of ± is the sign of the determinant of the Newton matrix I + E A, which each fold
 //! changes: τ falls while it is positive, as it is at the start of the path, and grows while it is negative.
 //!
+//! Where the slip of a contact passes by zero, ‖u_t‖_ε bends within ε, and so does the path: steps across such a kink end
+//! on either side of it in turn, each with another sign of the determinant, and get nowhere. Stronger smoothing makes the
+//! kink wider than a step. Any smoothing has the same solutions at the end of the path, so that it may change on the way.
+//!
 //! Source: E. L. Allgower, K. Georg, *Introduction to Numerical Continuation Methods*, SIAM (2003), chapters 2 and 3, for
 //! the step of least norm and the orientation.
 //! Measured on twenty towers of 300 cubes with random velocities, to 1e-8: without these steps twelve take more than 150
-//! Newton steps and one is not solved, with them three do and all are. Other smoothing of ‖u_t‖, and starting the path
-//! anew from where proximal Newton got to, changed nothing; the same steps on exactly central points stood still.
+//! Newton steps and one is not solved, with them three do and all are. Starting the path anew from where proximal Newton
+//! got to changed nothing; the same steps on exactly central points stood still. Of 1008 such towers of 10 to 1000 cubes,
+//! 19 take more than 150 steps where the smoothing stays as it is, 6 where kinks make it stronger by threes, 10 by tens.
 
 use super::super::cones::jordan_divide;
 use super::super::newton_system::NewtonSystem;
@@ -35,6 +40,16 @@ const DAMPING: f64 = 0.8;
 const STRIDE: f64 = 0.5;
 const SMALLEST_STRIDE: f64 = 0.1;
 const LARGEST_STRIDE: f64 = 3.0;
+/// A step along the path that changes the sign of the determinant, or is shorter than `BLOCKED`, is one at a kink; after
+/// `KINKS` of them ε/τ is multiplied by `STRONGER`, up to `STRONGEST`. A step longer than `FREE` ends the count.
+const KINKS: usize = 3;
+const BLOCKED: f64 = 0.1;
+const FREE: f64 = 0.3;
+const STRONGER: f64 = 3.0;
+const STRONGEST: f64 = 1.0;
+/// What a step of predictor and corrector leaves of ε/τ, after one that went further than `FAR`.
+const SHARPER: f64 = 0.5;
+const FAR: f64 = 0.8;
 /// No step of useful length is left.
 const NOTHING: f64 = 1e-6;
 
@@ -43,6 +58,9 @@ pub struct Fold {
     stride: f64,
     hold: usize,
     on_path: bool,
+    /// Steps at a kink, since the last one that went on freely.
+    kinks: usize,
+    sign: f64,
 }
 
 impl Fold {
@@ -51,12 +69,29 @@ impl Fold {
             stride: STRIDE,
             hold: 0,
             on_path: false,
+            kinks: 0,
+            sign: 1.0,
         }
     }
 
     /// Whether the last step was one along the path, from a point near it.
     pub fn on_path(&self) -> bool {
         self.on_path
+    }
+
+    /// Whether the step of this length, the determinant having this sign, is one too many at a kink.
+    fn at_kink(&mut self, length: f64, sign: f64) -> bool {
+        if sign != self.sign || length < BLOCKED {
+            self.kinks += 1;
+        } else if length > FREE {
+            self.kinks = 0;
+        }
+        self.sign = sign;
+        let stuck = self.kinks >= KINKS;
+        if stuck {
+            self.kinks = 0;
+        }
+        stuck
     }
 
     /// Whether the next step is one along the path, from the length of the last step and the predictor's reach.
@@ -118,10 +153,20 @@ impl Point {
         } else if length < 0.2 {
             *stride = (0.5 * *stride).max(SMALLEST_STRIDE);
         }
+        if fold.at_kink(length, sign) && self.smoothing < STRONGEST {
+            self.smoothing *= STRONGER;
+        }
         self.go(&direction, length);
         // However short, it is no reason to go on so.
         self.length = 1.0;
         length > NOTHING
+    }
+
+    /// Takes stronger smoothing back where nothing is in the way.
+    pub(super) fn sharpen(&mut self) {
+        if self.length > FAR {
+            self.smoothing = (SHARPER * self.smoothing).max(self.least_smoothing);
+        }
     }
 
     /// W⁻¹ dr and W dz of one contact, relative to the size √τ that W⁻¹ r = W z has on the path.
