@@ -346,26 +346,53 @@ impl BlockMatrix {
     }
 
     fn times_sized<const R: usize, const D: usize>(&self, x: &[f64], y: &mut [[f64; 3]]) {
-        for (i, out) in y.iter_mut().enumerate() {
-            *out = [0.0; 3];
-            for (j, block) in self.row(i) {
-                let part: &[f64; D] = x[j * D..][..D].try_into().expect("a whole block");
-                for r in 0..R {
-                    let line: &[f64; D] = block[r * D..][..D].try_into().expect("a whole line");
-                    out[r] += (0..D).map(|d| line[d] * part[d]).sum::<f64>();
+        let (lines, parts) = (self.values.as_chunks::<D>().0, x.as_chunks::<D>().0);
+        for (range, out) in self.starts.windows(2).zip(y) {
+            let mut sums = [0.0; 3];
+            for block in range[0]..range[1] {
+                let part = &parts[self.columns[block] as usize];
+                for (sum, line) in sums.iter_mut().zip(&lines[block * R..][..R]) {
+                    *sum += (0..D).map(|d| line[d] * part[d]).sum::<f64>();
                 }
             }
+            *out = sums;
         }
     }
 
     /// x = Hᵀ y.
     pub fn transpose_times(&self, y: &[[f64; 3]], x: &mut [f64]) {
         x.fill(0.0);
-        for (i, values) in y.iter().enumerate() {
-            for (j, block) in self.row(i) {
-                for (value, line) in values.iter().zip(block.chunks_exact(self.width)) {
-                    for (sum, entry) in x[j * self.width..].iter_mut().zip(line) {
-                        *sum += value * entry;
+        match (self.height, self.width) {
+            (3, 3) => self.transpose_times_sized::<3, 3>(y, x),
+            (3, 6) => self.transpose_times_sized::<3, 6>(y, x),
+            (2, 2) => self.transpose_times_sized::<2, 2>(y, x),
+            (2, 3) => self.transpose_times_sized::<2, 3>(y, x),
+            (1, 1) => self.transpose_times_sized::<1, 1>(y, x),
+            (1, 2) => self.transpose_times_sized::<1, 2>(y, x),
+            (1, 3) => self.transpose_times_sized::<1, 3>(y, x),
+            (1, 6) => self.transpose_times_sized::<1, 6>(y, x),
+            _ => {
+                for (i, values) in y.iter().enumerate() {
+                    for (j, block) in self.row(i) {
+                        for (value, line) in values.iter().zip(block.chunks_exact(self.width)) {
+                            for (sum, entry) in x[j * self.width..].iter_mut().zip(line) {
+                                *sum += value * entry;
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    fn transpose_times_sized<const R: usize, const D: usize>(&self, y: &[[f64; 3]], x: &mut [f64]) {
+        let (lines, sums) = (self.values.as_chunks::<D>().0, x.as_chunks_mut::<D>().0);
+        for (range, values) in self.starts.windows(2).zip(y) {
+            for block in range[0]..range[1] {
+                let sum = &mut sums[self.columns[block] as usize];
+                for (value, line) in values.iter().zip(&lines[block * R..][..R]) {
+                    for d in 0..D {
+                        sum[d] += value * line[d];
                     }
                 }
             }

@@ -17,6 +17,63 @@ pub fn partial_lu(
     floor: f64,
     exchanges: &mut [u32],
 ) -> usize {
+    match size {
+        1 => partial_lu_small::<1>(front, pivots, floor, exchanges),
+        2 => partial_lu_small::<2>(front, pivots, floor, exchanges),
+        3 => partial_lu_small::<3>(front, pivots, floor, exchanges),
+        4 => partial_lu_small::<4>(front, pivots, floor, exchanges),
+        6 => partial_lu_small::<6>(front, pivots, floor, exchanges),
+        9 => partial_lu_small::<9>(front, pivots, floor, exchanges),
+        12 => partial_lu_small::<12>(front, pivots, floor, exchanges),
+        _ => partial_lu_in_panels(front, size, pivots, floor, exchanges),
+    }
+}
+
+/// The same for a front so small that it is best updated row by row.
+fn partial_lu_small<const N: usize>(
+    front: &mut [f64],
+    pivots: usize,
+    floor: f64,
+    exchanges: &mut [u32],
+) -> usize {
+    let rows = front.as_chunks_mut::<N>().0;
+    let mut replaced = 0;
+    for column in 0..pivots {
+        let mut best = column;
+        for row in column + 1..pivots {
+            if rows[row][column].abs() > rows[best][column].abs() {
+                best = row;
+            }
+        }
+        exchanges[column] = best as u32;
+        rows.swap(column, best);
+        let pivot = &mut rows[column][column];
+        if pivot.abs() < floor {
+            *pivot = if *pivot < 0.0 { -floor } else { floor };
+            replaced += 1;
+        }
+        let inverse = 1.0 / *pivot;
+        // Zeros to the left leave what is known of L, so that whole rows can be updated.
+        let mut above = rows[column];
+        above[..=column].fill(0.0);
+        for row in &mut rows[column + 1..] {
+            let factor = row[column] * inverse;
+            for (value, above) in row.iter_mut().zip(&above) {
+                *value -= factor * above;
+            }
+            row[column] = factor;
+        }
+    }
+    replaced
+}
+
+fn partial_lu_in_panels(
+    front: &mut [f64],
+    size: usize,
+    pivots: usize,
+    floor: f64,
+    exchanges: &mut [u32],
+) -> usize {
     let mut replaced = 0;
     let mut begin = 0;
     while begin < pivots {

@@ -67,7 +67,18 @@ impl BlockLu {
     /// Factors the matrix whose blocks are given in the order of the pattern, each block row-major. Returns the number of
     /// pivots that had to be replaced.
     pub fn factor(&mut self, values: &[f64]) -> usize {
-        let block = self.block;
+        // The same code each time, made for blocks of this size.
+        match self.block {
+            1 => self.factor_blocks(1, values),
+            2 => self.factor_blocks(2, values),
+            3 => self.factor_blocks(3, values),
+            6 => self.factor_blocks(6, values),
+            block => self.factor_blocks(block, values),
+        }
+    }
+
+    #[inline(always)]
+    fn factor_blocks(&mut self, block: usize, values: &[f64]) -> usize {
         let area = block * block;
         let largest = values
             .iter()
@@ -155,7 +166,17 @@ impl BlockLu {
 
     /// Solves with the last factorisation, in place; `vector` is in the caller's order of nodes.
     pub fn solve(&mut self, vector: &mut [f64]) {
-        let block = self.block;
+        match self.block {
+            1 => self.solve_blocks(1, vector),
+            2 => self.solve_blocks(2, vector),
+            3 => self.solve_blocks(3, vector),
+            6 => self.solve_blocks(6, vector),
+            block => self.solve_blocks(block, vector),
+        }
+    }
+
+    #[inline(always)]
+    fn solve_blocks(&mut self, block: usize, vector: &mut [f64]) {
         let permuted = &mut self.permuted;
         for (&at, values) in self
             .symbolic
@@ -185,7 +206,13 @@ impl BlockLu {
             for (i, &row) in supernode.below.iter().enumerate() {
                 for k in 0..block {
                     let line = &lower[(i * block + k) * width..][..width];
-                    rest[row as usize * block + k - first - width] -= dot(line, pivots);
+                    // Fronts of one node are many where bodies are few to each other.
+                    let sum = if width == block {
+                        dot(&line[..block], &pivots[..block])
+                    } else {
+                        dot(line, pivots)
+                    };
+                    rest[row as usize * block + k - first - width] -= sum;
                 }
             }
         }
