@@ -54,13 +54,16 @@ fn free_spin(
     torque: Vector,
     time_step: f64,
 ) -> Vector {
+    if angular == Vector::ZERO && torque == Vector::ZERO {
+        return angular;
+    }
     let (inertia, inverse) = (&bodies.inertias[body], &bodies.inverse_inertias[body]);
     let to_body = rotation.inverse();
     let gain = *inverse * (to_body * torque) * time_step;
     let pushed = angular + *rotation * gain;
     let momentum = *inertia * (to_body * angular + gain);
-    // Balls and cubes, I = i 1: the momentum does not turn, and a body at rest stays so to the last bit.
-    let mean = inertia.determinant().cbrt();
+    // Balls and cubes, I = i 1: the momentum does not turn.
+    let mean = (inertia.x_axis.x + inertia.y_axis.y + inertia.z_axis.z) / 3.0;
     let isotropic = inertia.abs_diff_eq(Matrix::from_diagonal(Vector::splat(mean)), 1e-14 * mean);
     if isotropic || momentum == Vector::ZERO {
         return pushed;

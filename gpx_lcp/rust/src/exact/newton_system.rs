@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 
 use super::block_matrix::BlockMatrix;
 use super::linear::BlockLu;
-use super::order::Contacts;
+use super::order::{Contacts, Described};
 use super::small::{Matrix, Vector, ZERO, times};
 
 /// A, as itself or as Ĵ with A = Ĵ Ĵᵀ.
@@ -43,12 +43,16 @@ impl Operator {
 
     /// The contacts with their B and μ, to be compared.
     pub fn described<'a>(&'a self, b: &'a [f64], friction: &'a [f64]) -> Contacts<'a> {
-        Contacts::new(
-            self.matrix(),
-            matches!(self, Self::Velocity(_)),
+        let matrix = self.matrix();
+        Contacts::new(Described {
+            starts: &matrix.starts,
+            columns: &matrix.columns,
+            values: &matrix.values,
+            area: matrix.height * matrix.width,
+            of_bodies: matches!(self, Self::Velocity(_)),
             b,
             friction,
-        )
+        })
     }
 
     fn matrix(&self) -> &BlockMatrix {

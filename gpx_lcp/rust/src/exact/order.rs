@@ -12,11 +12,16 @@
 
 use std::cmp::Ordering;
 
-use super::block_matrix::BlockMatrix;
-
 /// Contacts by the bodies they join and the blocks of Ĵ, by B and μ.
-#[derive(Clone, Copy)]
 pub struct Contacts<'a> {
+    described: Described<'a>,
+    /// Of the blocks and of B of each contact, what is rounding: see `grid`.
+    grids: Vec<[f64; 2]>,
+}
+
+/// What contacts are compared by.
+#[derive(Clone, Copy)]
+pub struct Described<'a> {
     pub starts: &'a [usize],
     pub columns: &'a [u32],
     pub values: &'a [f64],
@@ -29,48 +34,42 @@ pub struct Contacts<'a> {
 }
 
 impl<'a> Contacts<'a> {
-    pub fn new(
-        matrix: &'a BlockMatrix,
-        of_bodies: bool,
-        b: &'a [f64],
-        friction: &'a [f64],
-    ) -> Self {
+    pub fn new(described: Described<'a>) -> Self {
+        let contacts = 0..described.friction.len() as u32;
+        let grids = |contact| [described.blocks(contact), described.target(contact)].map(grid);
         Self {
-            starts: &matrix.starts,
-            columns: &matrix.columns,
-            values: &matrix.values,
-            area: matrix.height * matrix.width,
-            of_bodies,
-            b,
-            friction,
+            described,
+            grids: contacts.map(grids).collect(),
         }
     }
 
     /// Bodies first, so that contacts of the same pair stay together; then Ĵ, B and μ.
     pub fn compare(&self, one: u32, other: u32) -> Ordering {
-        let bodies = if self.of_bodies {
-            self.bodies(one).cmp(self.bodies(other))
+        let described = &self.described;
+        let bodies = if described.of_bodies {
+            described.bodies(one).cmp(described.bodies(other))
         } else {
             Ordering::Equal
         };
-        let (blocks, targets) = (
-            (self.blocks(one), self.blocks(other)),
-            (self.target(one), self.target(other)),
-        );
+        let [blocks, targets] = [Described::blocks, Described::target]
+            .map(|of| [of(described, one), of(described, other)]);
+        let rough = |values: [&[f64]; 2], at: usize| {
+            in_rough_order(values, [one, other].map(|c| self.grids[c as usize][at]))
+        };
         bodies
-            .then_with(|| in_rough_order(blocks.0, blocks.1))
-            .then_with(|| in_rough_order(targets.0, targets.1))
-            .then_with(|| in_order(blocks.0, blocks.1))
-            .then_with(|| in_order(targets.0, targets.1))
+            .then_with(|| rough(blocks, 0))
+            .then_with(|| rough(targets, 1))
+            .then_with(|| in_order(blocks[0], blocks[1]))
+            .then_with(|| in_order(targets[0], targets[1]))
             .then_with(|| {
-                let mu = |contact: u32| self.friction[contact as usize];
+                let mu = |contact: u32| described.friction[contact as usize];
                 mu(one).total_cmp(&mu(other))
             })
     }
 
     /// The contacts in order; None where they are already.
     pub fn sorted(&self) -> Option<Vec<u32>> {
-        let mut order: Vec<u32> = (0..self.friction.len() as u32).collect();
+        let mut order: Vec<u32> = (0..self.grids.len() as u32).collect();
         let ascend = |one: &u32, other: &u32| self.compare(*one, *other);
         if order.is_sorted_by(|one, other| ascend(one, other).is_le()) {
             return None;
@@ -78,7 +77,9 @@ impl<'a> Contacts<'a> {
         order.sort_by(ascend);
         Some(order)
     }
+}
 
+impl<'a> Described<'a> {
     fn bodies(&self, contact: u32) -> &'a [u32] {
         &self.columns[self.starts[contact as usize]..self.starts[contact as usize + 1]]
     }
@@ -114,13 +115,12 @@ fn in_order(one: &[f64], other: &[f64]) -> Ordering {
         .unwrap_or(Ordering::Equal)
 }
 
-/// The same without what is below a millionth of the largest number of each.
-fn in_rough_order(one: &[f64], other: &[f64]) -> Ordering {
-    let (x, y) = (grid(one), grid(other));
+/// The same without what is below the grid of each.
+fn in_rough_order([one, other]: [&[f64]; 2], grids: [f64; 2]) -> Ordering {
     let rough = |value: f64, grid: f64| (value / grid).round() * grid + 0.0;
     one.iter()
         .zip(other)
-        .map(|(a, b)| rough(*a, x).total_cmp(&rough(*b, y)))
+        .map(|(a, b)| rough(*a, grids[0]).total_cmp(&rough(*b, grids[1])))
         .find(|order| order.is_ne())
         .unwrap_or(Ordering::Equal)
 }
@@ -141,7 +141,7 @@ mod tests {
     fn order(b: &[f64], values: &[f64]) -> Vec<u32> {
         let count = b.len();
         let starts: Vec<usize> = (0..=count).collect();
-        let contacts = Contacts {
+        let described = Described {
             starts: &starts,
             columns: &vec![0; count],
             values,
@@ -150,7 +150,7 @@ mod tests {
             b,
             friction: &vec![0.5; count],
         };
-        contacts
+        Contacts::new(described)
             .sorted()
             .unwrap_or_else(|| (0..count as u32).collect())
     }

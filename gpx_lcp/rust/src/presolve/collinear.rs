@@ -11,6 +11,7 @@ use super::local_bodies::LocalBodies;
 use super::{ROUNDING, View};
 
 /// Propose one contact for each run of contacts between the same bodies.
+#[inline(always)]
 pub fn propose(
     view: &View,
     contacts: &[u32],
@@ -26,7 +27,8 @@ pub fn propose(
     if contacts.iter().any(slides) {
         return None;
     }
-    let mut bases: Vec<Option<Basis>> = vec![None; local.count()];
+    const UNMOVED: Basis = [[0.0; LARGEST]; 3];
+    let mut bases = vec![UNMOVED; local.count()];
     let mut shares = Vec::with_capacity(contacts.len());
     for (group, run) in runs.iter().enumerate() {
         let members = &contacts[run.clone()];
@@ -35,22 +37,22 @@ pub fn propose(
             let mut line = [0.0; LARGEST];
             for &member in members {
                 let row = view.row(view.places(member).start + slot, 0);
-                line.iter_mut()
+                line[..view.width]
+                    .iter_mut()
                     .zip(row)
                     .for_each(|(sum, value)| *sum += weight * value);
             }
-            let length = size(&line);
+            let line = &mut line[..view.width];
+            let length = size(line);
             if length == 0.0 {
                 continue;
             }
-            let direction = line.map(|value| value / length);
-            let basis = &mut bases[local.number(body)];
-            match basis {
-                None => {
-                    *basis = Some([direction, [0.0; LARGEST], [0.0; LARGEST]]);
-                }
-                Some(known) if dot(&known[0], &direction).abs() < 1.0 - ROUNDING => return None,
-                Some(_) => {}
+            line.iter_mut().for_each(|value| *value /= length);
+            let known = &mut bases[local.number(body)][0][..view.width];
+            if known.iter().all(|&value| value == 0.0) {
+                known.copy_from_slice(line);
+            } else if dot(known, line).abs() < 1.0 - ROUNDING {
+                return None;
             }
         }
         shares.extend(members.iter().map(|_| Share {
@@ -58,18 +60,11 @@ pub fn propose(
             ..Share::whole(group as u32)
         }));
     }
-    let unmoved = [[0.0; LARGEST]; 3];
     Some(Proposal {
         model: Model::Collinear,
         rows: 1,
         groups: runs.len(),
         shares,
-        columns: Columns::Some(
-            1,
-            bases
-                .into_iter()
-                .map(|basis| basis.unwrap_or(unmoved))
-                .collect(),
-        ),
+        columns: Columns::Some(1, bases),
     })
 }

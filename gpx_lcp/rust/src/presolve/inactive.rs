@@ -67,9 +67,10 @@ pub struct Reach {
 }
 
 impl Reach {
-    /// A proposal for the whole system; None where no contact is apart, or the proposal cannot be made.
+    /// A proposal for the whole system; None where no contact is apart by more than rounding, or where it cannot be made.
     pub fn of(view: &View) -> Option<Self> {
-        if !(0..view.contacts() as u32).any(|contact| view.target(contact)[0] < 0.0) {
+        let apart = -ROUNDING * view.largest;
+        if !(0..view.contacts() as u32).any(|contact| view.target(contact)[0] < apart) {
             return None;
         }
         match view.form {

@@ -4,10 +4,16 @@
 //! with it A = Ĵ Ĵᵀ are block-diagonal over islands; laws and B speak of single contacts. ∎
 //!
 //! A body that nothing can move has no block, or a block of zeros, and joins nothing.
-
+//!
 //! Where A is all there is, contacts are joined by its blocks that are not zero, which says the same.
 
 use super::{Form, View};
+
+/// All contacts of a system by islands.
+pub fn all_islands(view: &View) -> Vec<Vec<u32>> {
+    let contacts: Vec<u32> = (0..view.contacts() as u32).collect();
+    islands(view, &contacts)
+}
 
 /// These contacts, which rise, by islands, in rising order; islands in the order of their first contact.
 pub fn islands(view: &View, contacts: &[u32]) -> Vec<Vec<u32>> {

@@ -78,6 +78,7 @@ pub struct Part {
 
 impl Part {
     /// The reduced system of an island, or None where the proposal is not exact.
+    #[inline(always)]
     pub fn new(
         view: &View,
         contacts: &[u32],
@@ -117,7 +118,11 @@ impl Part {
             growth: Growth::default(),
         };
         part.gather_targets(view)?;
-        part.gather_blocks(view, &columns, local)?;
+        match columns {
+            Columns::All => part.add_blocks(view, local)?,
+            Columns::Some(_, bases) => part.project_blocks(view, &bases, local)?,
+        }
+        part.matrix.block_columns = local.count();
         part.growth = part.growth_of(view);
         Some(part)
     }
@@ -187,6 +192,7 @@ impl Part {
     }
 
     /// Σ_i w_i C_iᵀ B_i, and condition (c).
+    #[inline(always)]
     fn gather_targets(&mut self, view: &View) -> Option<()> {
         let rows = self.rows;
         for (&contact, share) in self.contacts.iter().zip(&self.shares) {
@@ -218,10 +224,11 @@ impl Part {
         Some(())
     }
 
-    /// J' and conditions (a) and (b).
-    fn gather_blocks(&mut self, view: &View, columns: &Columns, local: &LocalBodies) -> Option<()> {
-        let (rows, width, groups) = (self.rows, self.matrix.width, self.friction.len());
-        let (order, ends) = members(&self.shares, groups);
+    /// J' where bodies keep all velocities: (a) holds, and (b) where the blocks of a group are the same.
+    #[inline(always)]
+    fn add_blocks(&mut self, view: &View, local: &LocalBodies) -> Option<()> {
+        let rows = self.rows;
+        let (order, ends) = members(&self.shares, self.friction.len());
         let mut sum = vec![0.0; rows * view.width];
         let mut begin = 0;
         for &end in &ends {
@@ -230,79 +237,91 @@ impl Part {
             let first = self.contacts[members[0] as usize];
             for (slot, &body) in view.bodies_of(first).iter().enumerate() {
                 sum.fill(0.0);
-                let mut length = 0.0_f64;
                 for &member in members {
                     let share = &self.shares[member as usize];
                     let place = view.places(self.contacts[member as usize]).start + slot;
                     for (r, line) in sum.chunks_exact_mut(view.width).enumerate() {
                         share.add_seen(view, place, r, share.weight, line);
                     }
-                    length = length.max(size(view.row(place, 0)));
                 }
-                if length == 0.0 && sum.iter().all(|&value| value == 0.0) {
+                let alike = |&member: &u32| {
+                    let place = view.places(self.contacts[member as usize]).start + slot;
+                    sum.chunks_exact(view.width).enumerate().all(|(r, wanted)| {
+                        let mut line = [0.0; LARGEST];
+                        self.shares[member as usize].add_seen(view, place, r, 1.0, &mut line);
+                        let bound = ROUNDING * size(view.row(place, 0)).max(size(wanted));
+                        let misses = line.iter().zip(wanted).map(|(x, y)| (x - y).abs());
+                        within(misses.fold(0.0, f64::max), bound)
+                    })
+                };
+                if members.len() > 1 && !members.iter().all(alike) {
+                    return None;
+                }
+                if sum.iter().any(|&value| value != 0.0) {
+                    self.matrix.columns.push(local.number(body) as u32);
+                    self.matrix.values.extend_from_slice(&sum);
+                }
+            }
+            self.matrix.starts.push(self.matrix.columns.len());
+        }
+        Some(())
+    }
+
+    /// J' where bodies keep the velocities of a basis, and conditions (a) and (b).
+    #[inline(always)]
+    fn project_blocks(&mut self, view: &View, bases: &[Basis], local: &LocalBodies) -> Option<()> {
+        let (rows, width) = (self.rows, self.matrix.width);
+        let (order, ends) = members(&self.shares, self.friction.len());
+        let mut begin = 0;
+        for &end in &ends {
+            let members = &order[begin..end];
+            begin = end;
+            let first = self.contacts[members[0] as usize];
+            for (slot, &body) in view.bodies_of(first).iter().enumerate() {
+                let mut sum = [[0.0; LARGEST]; 3];
+                let mut longest = 0.0_f64;
+                for &member in members {
+                    let share = &self.shares[member as usize];
+                    let place = view.places(self.contacts[member as usize]).start + slot;
+                    for (r, line) in sum[..rows].iter_mut().enumerate() {
+                        share.add_seen(view, place, r, share.weight, &mut line[..view.width]);
+                    }
+                    let normal = view.row(place, 0);
+                    longest = longest.max(dot(normal, normal));
+                }
+                if longest == 0.0 && sum.as_flattened().iter().all(|&value| value == 0.0) {
                     continue;
                 }
                 let body = local.number(body);
                 self.matrix.columns.push(body as u32);
-                let Columns::Some(_, bases) = columns else {
-                    self.matrix.values.extend_from_slice(&sum);
-                    if members.len() > 1 {
-                        self.equal_blocks(view, members, slot, &sum, length)?;
-                    }
-                    continue;
-                };
                 let basis = &bases[body];
                 let mut block = [[0.0; WIDEST]; 3];
-                for (line, entries) in sum.chunks_exact(view.width).zip(&mut block) {
+                for (line, entries) in sum[..rows].iter().zip(&mut block) {
+                    let line = &line[..view.width];
                     let mut rest = [0.0; LARGEST];
                     rest[..view.width].copy_from_slice(line);
                     for (entry, vector) in entries[..width].iter_mut().zip(basis) {
-                        *entry = dot(line, vector);
-                        for (value, direction) in rest.iter_mut().zip(vector) {
+                        *entry = dot(line, &vector[..view.width]);
+                        for (value, direction) in rest[..view.width].iter_mut().zip(vector) {
                             *value -= *entry * direction;
                         }
                     }
-                    // (a)
-                    if !within(size(&rest), ROUNDING * length.max(size(line))) {
+                    // (a), in squares.
+                    let bound = ROUNDING * ROUNDING * longest.max(dot(line, line));
+                    if !within(dot(&rest[..view.width], &rest[..view.width]), bound) {
                         return None;
                     }
                     self.matrix.values.extend_from_slice(&entries[..width]);
                 }
-                self.same_from_all(view, members, slot, basis, &block, length)?;
+                self.same_from_all(view, members, slot, basis, &block, longest.sqrt())?;
             }
             self.matrix.starts.push(self.matrix.columns.len());
-        }
-        self.matrix.block_columns = local.count();
-        Some(())
-    }
-
-    /// (b) where bodies keep all velocities: the blocks of a group are the same.
-    fn equal_blocks(
-        &self,
-        view: &View,
-        members: &[u32],
-        slot: usize,
-        sum: &[f64],
-        length: f64,
-    ) -> Option<()> {
-        for &member in members {
-            let place = view.places(self.contacts[member as usize]).start + slot;
-            for (r, wanted) in sum.chunks_exact(view.width).enumerate() {
-                let mut line = [0.0; LARGEST];
-                self.shares[member as usize].add_seen(view, place, r, 1.0, &mut line);
-                let miss = line.iter().zip(wanted).map(|(x, y)| (x - y).abs());
-                if !within(
-                    miss.fold(0.0, f64::max),
-                    ROUNDING * length.max(size(wanted)),
-                ) {
-                    return None;
-                }
-            }
         }
         Some(())
     }
 
     /// (b): velocities within the basis look the same from each contact of a group.
+    #[inline(always)]
     fn same_from_all(
         &self,
         view: &View,
@@ -312,21 +331,25 @@ impl Part {
         block: &[[f64; WIDEST]; 3],
         length: f64,
     ) -> Option<()> {
-        let width = self.matrix.width;
         for &member in members {
             let contact = self.contacts[member as usize];
             let share = &self.shares[member as usize];
+            let hides = self.rows < view.rows && view.has_friction(contact);
+            if members.len() == 1 && !hides {
+                // It is the group.
+                continue;
+            }
             let place = view.places(contact).start + slot;
-            for (k, vector) in basis[..width].iter().enumerate() {
+            for (k, vector) in basis[..self.matrix.width].iter().enumerate() {
                 let mut seen = [0.0; 3];
                 for (r, value) in seen[..view.rows].iter_mut().enumerate() {
-                    *value = dot(view.row(place, r), vector);
+                    *value = dot(view.row(place, r), &vector[..view.width]);
                 }
                 let bound =
                     ROUNDING * length.max(seen.iter().fold(0.0, |most, x| most.max(x.abs())));
                 let found = share.seen(self.rows, seen[..view.rows].iter().copied());
                 let same = (0..self.rows).all(|r| (found[r] - block[r][k]).abs() <= bound);
-                let hidden = if view.has_friction(contact) {
+                let hidden = if hides {
                     share.hidden(self.rows, &seen[..view.rows])
                 } else {
                     0.0
@@ -339,6 +362,7 @@ impl Part {
         Some(())
     }
 
+    #[inline(always)]
     fn growth_of(&self, view: &View) -> Growth {
         let reduced = self.matrix.starts.windows(2).map(|range| {
             let mut diagonal = [0.0; 3];
@@ -493,6 +517,7 @@ impl Growth {
 
 impl Share {
     /// C_iᵀ x for a vector x of the contact.
+    #[inline(always)]
     fn seen(&self, rows: usize, x: impl Iterator<Item = f64>) -> [f64; 3] {
         let mut full = [0.0; 3];
         full.iter_mut().zip(x).for_each(|(out, value)| *out = value);
@@ -504,6 +529,7 @@ impl Share {
     }
 
     /// How much of the tangential part of x is not among the rows kept.
+    #[inline(always)]
     fn hidden(&self, rows: usize, x: &[f64]) -> f64 {
         match (rows, x) {
             (1, [_, tangents @ ..]) => tangents.iter().fold(0.0, |most, x| most.max(x.abs())),
@@ -513,6 +539,7 @@ impl Share {
     }
 
     /// line += weight × row r of C_iᵀ Ĵ_i for one block.
+    #[inline(always)]
     pub fn add_seen(&self, view: &View, place: usize, r: usize, weight: f64, line: &mut [f64]) {
         let mut add = |row: usize, weight: f64| {
             for (sum, value) in line.iter_mut().zip(view.row(place, row)) {
@@ -547,6 +574,7 @@ pub fn members(shares: &[Share], groups: usize) -> (Vec<u32>, Vec<usize>) {
     (order, ends)
 }
 
+#[inline(always)]
 pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(x, y)| x * y).sum()
 }

@@ -50,10 +50,11 @@ mod solving;
 mod spatial;
 mod translational;
 
+pub use islands::all_islands;
 pub use lift::Model;
 pub use solving::{Presolved, Size, Summary, solve, summary};
 
-use crate::exact::{Contacts, Law};
+use crate::exact::{Contacts, Described, Law};
 
 /// What is rounding: of rows of Ĵ relative to their length, of B relative to its largest entry.
 const ROUNDING: f64 = 1e-12;
@@ -108,7 +109,7 @@ impl<'a> View<'a> {
 
     /// The contacts, to be compared.
     fn described(&self) -> Contacts<'a> {
-        Contacts {
+        Contacts::new(Described {
             starts: self.starts,
             columns: self.columns,
             values: self.whitened,
@@ -116,23 +117,27 @@ impl<'a> View<'a> {
             of_bodies: self.form == Form::Velocity,
             b: self.b,
             friction: self.friction,
-        }
+        })
     }
 
     /// The blocks of a contact, by their place.
+    #[inline(always)]
     fn places(&self, contact: u32) -> std::ops::Range<usize> {
         self.starts[contact as usize]..self.starts[contact as usize + 1]
     }
 
+    #[inline(always)]
     fn bodies_of(&self, contact: u32) -> &'a [u32] {
         &self.columns[self.places(contact)]
     }
 
     /// One row of a block of Ĵ.
+    #[inline(always)]
     fn row(&self, place: usize, row: usize) -> &'a [f64] {
         &self.whitened[(place * self.rows + row) * self.width..][..self.width]
     }
 
+    #[inline(always)]
     fn target(&self, contact: u32) -> &'a [f64] {
         &self.b[contact as usize * self.rows..][..self.rows]
     }

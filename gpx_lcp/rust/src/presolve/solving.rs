@@ -90,7 +90,7 @@ pub fn summary(view: &View) -> Summary {
     let whole = whole_size(view);
     reduce(view).map_or_else(
         || Summary {
-            islands: islands::islands(view, &every_contact(view)).len(),
+            islands: islands::all_islands(view).len(),
             before: whole,
             after: whole,
             reductions: Vec::new(),
@@ -213,7 +213,7 @@ fn reduce(view: &View) -> Option<Reduced> {
     };
     let mut local = LocalBodies::new(view.bodies);
     let reach = Reach::of(view);
-    let islands = islands::islands(view, &every_contact(view));
+    let islands = islands::all_islands(view);
     summary.islands = islands.len();
     let mut touched = 0;
     let mut pieces = Vec::new();
@@ -301,13 +301,14 @@ fn in_order(view: &View, islands: Vec<Vec<u32>>) -> Vec<Vec<u32>> {
     let mut led: Vec<(u32, Vec<u32>)> = islands
         .into_iter()
         .map(|mut contacts| {
-            if view.form == Form::Velocity
-                && !contacts.is_sorted_by(|one, other| ascend(one, other).is_le())
-            {
+            if view.form == Form::Impulse {
+                let first = contacts.iter().copied().min_by(ascend);
+                return (first.expect("an island has a contact"), contacts);
+            }
+            if !contacts.is_sorted_by(|one, other| ascend(one, other).is_le()) {
                 contacts.sort_by(ascend);
             }
-            let first = contacts.iter().copied().min_by(ascend);
-            (first.expect("an island has a contact"), contacts)
+            (contacts[0], contacts)
         })
         .collect();
     led.sort_by(|one, other| ascend(&one.0, &other.0));
@@ -373,6 +374,23 @@ fn gathered(parts: Vec<Part>) -> Vec<Part> {
 
 /// The smallest exact model of an island; None where it is the whole system, and stays as it is.
 fn smallest(view: &View, contacts: &[u32], local: &LocalBodies) -> Option<Part> {
+    let sized = |rows, width| View {
+        rows,
+        width,
+        ..*view
+    };
+    // The same code each time, made for blocks of this size.
+    match (view.rows, view.width) {
+        (1, 3) => smallest_sized(&sized(1, 3), contacts, local),
+        (1, 6) => smallest_sized(&sized(1, 6), contacts, local),
+        (3, 3) => smallest_sized(&sized(3, 3), contacts, local),
+        (3, 6) => smallest_sized(&sized(3, 6), contacts, local),
+        _ => smallest_sized(view, contacts, local),
+    }
+}
+
+#[inline(always)]
+fn smallest_sized(view: &View, contacts: &[u32], local: &LocalBodies) -> Option<Part> {
     let alone = contacts.len() == view.contacts();
     let mut runs = Vec::new();
     let mut begin = 0;
@@ -399,10 +417,6 @@ fn smallest(view: &View, contacts: &[u32], local: &LocalBodies) -> Option<Part> 
         return None;
     }
     Some(stands(proposal).expect("equal rows and rows of zeros are exact"))
-}
-
-fn every_contact(view: &View) -> Vec<u32> {
-    (0..view.contacts() as u32).collect()
 }
 
 fn whole_size(view: &View) -> Size {

@@ -1,7 +1,7 @@
 //! A stacked system as the core holds it: handed over once, then solved and judged as often as one likes.
 
 use numpy::{
-    PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
+    IntoPyArray, PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
     PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
@@ -152,6 +152,13 @@ impl System {
     fn presolve(&self, law: &str) -> PyResult<PresolveSummary> {
         let view = self.view(law_named(law)?);
         Ok(presolve_summary(&presolve::summary(&view)))
+    }
+
+    /// The contacts of each island, which no impulse of another one moves.
+    fn islands<'py>(&self, py: Python<'py>) -> Vec<Bound<'py, PyArray1<u32>>> {
+        let islands = presolve::all_islands(&self.view(Law::Coulomb));
+        let array = |contacts: Vec<u32>| contacts.into_pyarray(py);
+        islands.into_iter().map(array).collect()
     }
 
     /// ‖natural map‖/‖B‖ of impulses (rows n,) under one of the laws "normal", "cone" and "coulomb".
