@@ -266,6 +266,11 @@ class StackedSystem:
             matrix = sp.csr_array(weights @ self.A @ weights)
         return StackedSystem(matrix, right / size, self.friction), size * factors
 
+    def restricted(self, contacts: npt.NDArray[np.integer[Any]]) -> StackedSystem:
+        """Return the system of these contacts alone, by its A: the impulses of the others are zero, and free."""
+        rows = (self.rows * contacts[:, None] + np.arange(self.rows)).ravel()
+        return StackedSystem(self.A[np.ix_(rows, rows)], self.B[rows], self.friction[contacts])
+
     def body_velocity_change(self, impulse: Array) -> Array:
         """Return M⁻¹ Jᵀ p, (nv,), m/s and rad/s; needs the form with J and M⁻¹."""
         if self.jacobian is None or self.inverse_mass is None:

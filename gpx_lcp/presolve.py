@@ -46,8 +46,8 @@ Of a system given by A alone islands, inactive contacts, rows without friction a
 no velocities to count. Not reduced: contacts with friction that others keep open by Coulomb's law, where the load moves
 the friction with it.
 
-Other solvers take the system as it is: sweeps and frictionless pivots take longer for islands one by one than for all
-of them at once. Where `lemke` takes friction as a pyramid it would gain, and does not yet.
+`lemke` solves islands apart, as each pivot takes time by all unknowns, small ones together. Other solvers take the
+system as it is.
 """
 
 from __future__ import annotations

@@ -77,7 +77,8 @@ def solve(
         Of the pyramids, at least 3.
     presolve : bool
         Whether "interior_point" and "newton" solve the smallest systems with the same answer, on so many `threads` as
-        their setting says, and map the answer back; see `gpx_lcp.presolve`. Other solvers take the system as it is.
+        their setting says, and map the answer back; see `gpx_lcp.presolve`. "lemke" solves islands apart. Other solvers
+        take the system as it is.
     **settings
         The solver's own settings, e.g. `relaxation` of "pgs".
 

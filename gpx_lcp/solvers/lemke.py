@@ -20,10 +20,10 @@ the same, they start anew with another d.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -42,6 +42,7 @@ from formulations import (
     pyramid_lcp,
 )
 from formulations.checks import Array
+from gpx_lcp.core_system import core_system
 from gpx_lcp.solution import Status
 from gpx_lcp.solvers._interface import Outcome, Request, Solver
 
@@ -65,7 +66,20 @@ PIVOTS_PER_UNKNOWN: Final = 50
 # The artificial variable's column is d = 1 + frac(step · i). Where pivots from d = 1 end in rounding, or at a ray that
 # proves nothing, another path often does not.
 COVERS: Final = (0.0, 0.618033988749895, 0.414213562373095)
+# Unknowns up to which islands are solved together.
+FEW_UNKNOWNS: Final = 100
 FINAL: Final = (Status.SOLVED, Status.INFEASIBLE)
+# Of the islands of a system the worst is said.
+SEVERITY: Final = (
+    Status.SOLVED,
+    Status.STALLED,
+    Status.MAX_ITERATIONS,
+    Status.NUMERICAL_ERROR,
+    Status.INFEASIBLE,
+)
+
+
+Contacts: TypeAlias = npt.NDArray[np.uint32]
 
 
 @dataclass(frozen=True)
@@ -308,46 +322,79 @@ def _proof(lcp: LCP, ray: Array) -> Array | None:
 
 @dataclass(frozen=True)
 class _Form:
-    """How a formulation becomes an LCP, and its z impulses again."""
+    """How a formulation becomes an LCP, and its z impulses again; `unknowns` of a contact from its rows and facets."""
 
     pose: Callable[[StackedSystem, int], LCP]
     impulse: Callable[[StackedSystem, Array, int], Array]
+    unknowns: Callable[[int, int], int]
 
 
 _FORMS: Final[Mapping[str, _Form]] = {
-    "normal": _Form(lambda system, _: normal_lcp(system), lambda system, z, _: normal_impulse(system, z)),
-    "box": _Form(lambda system, _: box_lcp(system), lambda system, z, _: box_impulse(system, z)),
-    "pyramid": _Form(pyramid_lcp, pyramid_impulse),
+    "normal": _Form(lambda system, _: normal_lcp(system), lambda system, z, _: normal_impulse(system, z), lambda *_: 1),
+    "box": _Form(
+        lambda system, _: box_lcp(system), lambda system, z, _: box_impulse(system, z), lambda rows, _: 3 * rows - 2
+    ),
+    "pyramid": _Form(pyramid_lcp, pyramid_impulse, lambda _, facets: facets + 2),
 }
 
 
 def _run(request: Request) -> Outcome:
+    """Solve islands apart: a pivot takes time as the square of the unknowns, and their number grows with them."""
     start = perf_counter()
+    whole = request.system
+    islands = core_system(whole).islands() if request.presolve else [np.arange(whole.contacts, dtype=np.uint32)]
     form = _FORMS[request.formulation]
-    system, factors = request.system.normalised()
-    lcp = form.pose(system, request.facets)
-    posed = perf_counter()
-    found = solve_lcp(
-        lcp.M,
-        lcp.q,
-        tolerance=request.tolerance,
-        max_iterations=request.max_iterations,
-        time_limit=request.time_limit,
-    )
-    finished = perf_counter()
-    extras: dict[str, object] = {"unknowns": lcp.q.size}
-    if found.infeasibility is not None:
-        ray = factors[:, None] * form.impulse(system, found.infeasibility, request.facets)
+    parts = _gathered(islands, FEW_UNKNOWNS // form.unknowns(whole.rows, request.facets))
+    system, factors = whole.normalised()
+    impulse, ray = np.zeros((2, whole.contacts, whole.rows))
+    status, pivots, unknowns, posing = Status.SOLVED, 0, 0, perf_counter() - start
+    for contacts in parts:
+        posed = perf_counter()
+        part = system if len(parts) == 1 else system.restricted(contacts)
+        lcp = form.pose(part, request.facets)
+        unknowns += lcp.q.size
+        posing += perf_counter() - posed
+        found = solve_lcp(
+            lcp.M,
+            lcp.q,
+            tolerance=request.tolerance,
+            max_iterations=None if request.max_iterations is None else max(request.max_iterations - pivots, 0),
+            time_limit=None if request.time_limit is None else request.time_limit - (perf_counter() - start),
+        )
+        pivots += found.iterations
+        status = max(status, found.status, key=SEVERITY.index)
+        impulse[contacts] = form.impulse(part, found.z, request.facets)
+        if found.infeasibility is not None:
+            ray[contacts] = form.impulse(part, found.infeasibility, request.facets)
+    extras: dict[str, object] = {"unknowns": unknowns}
+    if ray.any():
+        ray *= factors[:, None]
         extras["infeasibility"] = ray / np.abs(ray).max()
+    velocities = 0 if whole.jacobian is None else whole.jacobian.shape[1]
+    size = (whole.contacts, whole.contacts * whole.rows, velocities)
     return Outcome(
-        impulse=factors[:, None] * form.impulse(system, found.z, request.facets),
-        status=found.status,
+        impulse=factors[:, None] * impulse,
+        status=status,
         program=request.formulation,
-        iterations=found.iterations,
-        setup_seconds=posed - start,
-        solve_seconds=finished - posed,
+        iterations=pivots,
+        setup_seconds=posing,
+        solve_seconds=perf_counter() - start - posing,
         extras=extras,
+        presolved=(len(islands), size, size, ()) if len(parts) > 1 else None,
     )
+
+
+def _gathered(islands: Sequence[Contacts], few: int) -> list[Contacts]:
+    """Return islands put together while they have few contacts: one by one they take longer to pose than to solve."""
+    parts: list[list[Contacts]] = []
+    count = few
+    for island in islands:
+        count += island.size
+        if count > few:
+            parts.append([])
+            count = island.size
+        parts[-1].append(island)
+    return [np.sort(np.concatenate(part)) for part in parts]
 
 
 SOLVER: Final = Solver(

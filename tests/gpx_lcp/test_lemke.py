@@ -1,5 +1,7 @@
 import numpy as np
 import pytest
+import scipy.linalg as la
+import scipy.sparse as sp
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -148,3 +150,46 @@ def test_contacts_of_one_row_have_no_friction_to_pose(formulation):
     solution = gpx.solve(system, formulation, "lemke")
     assert solution.status is gpx.Status.SOLVED
     np.testing.assert_allclose(solution.impulse, [[1.0], [0.5]], rtol=1e-14)
+
+
+def apart(*systems):
+    """Return these systems, given by A, as one, the contacts of each between those of the others."""
+    contacts = [system.contacts for system in systems]
+    order = np.argsort(np.concatenate([np.arange(n) / n for n in contacts]), kind="stable")
+    rows = (systems[0].rows * order[:, None] + np.arange(systems[0].rows)).ravel()
+    A = la.block_diag(*(sp.csr_array(system.A).toarray() for system in systems))[np.ix_(rows, rows)]
+    B = np.concatenate([system.B for system in systems])[rows]
+    return gpx.StackedSystem(A, B, np.concatenate([system.friction for system in systems])[order])
+
+
+@pytest.mark.parametrize(("formulation", "contacts"), [("normal", 30), ("box", 8), ("pyramid", 8)])
+def test_islands_are_solved_apart(formulation, contacts, random_system):
+    """Four systems that know nothing of each other, their contacts in turns."""
+    system = apart(*(random_system(seed, contacts, bodies=contacts // 2) for seed in range(4)))
+    parts = gpx.solve(system, formulation, "lemke", tolerance=1e-11)
+    whole = gpx.solve(system, formulation, "lemke", tolerance=1e-11, presolve=False)
+    assert parts.status is whole.status is gpx.Status.SOLVED
+    assert parts.presolve is not None
+    assert parts.presolve.islands == 4
+    assert whole.presolve is None
+    if formulation == "normal":
+        np.testing.assert_allclose(parts.velocity[:, 0], whole.velocity[:, 0], atol=1e-10)
+
+
+def test_one_island_without_a_solution_is_said_of_all():
+    walls = gpx.StackedSystem([[1.0, -1.0], [-1.0, 1.0]], [1.0, 1.0], [0.0, 0.0])
+    system = apart(walls, gpx.StackedSystem([[2.0]], [3.0], [0.0]))
+    solution = gpx.solve(system, "normal", "lemke")
+    assert solution.status is gpx.Status.INFEASIBLE
+    y = solution.extras["infeasibility"].ravel()
+    assert system.B @ y > 0.0
+    np.testing.assert_allclose(system.A @ y, 0.0, atol=1e-12)
+    assert sorted(y) == [0.0, 1.0, 1.0]
+
+
+def test_pivots_of_all_islands_are_limited_together(random_system):
+    system = apart(*(random_system(seed) for seed in range(4)))
+    needed = gpx.solve(system, "pyramid", "lemke").iterations
+    solution = gpx.solve(system, "pyramid", "lemke", max_iterations=needed - 1)
+    assert solution.iterations == needed - 1
+    assert solution.status is gpx.Status.MAX_ITERATIONS
