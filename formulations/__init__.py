@@ -9,6 +9,7 @@ from formulations.certificate import Certificate, certify
 from formulations.cone import cone_qp, cone_residual, cone_rows
 from formulations.coulomb import coulomb_residual
 from formulations.errors import GpxLcpError, ProblemError, SettingsError
+from formulations.existence import Refutation, refutation
 from formulations.lcp import LCP
 from formulations.least_norm import minimum_norm
 from formulations.normal import normal_impulse, normal_lcp, normal_qp, normal_residual
@@ -37,6 +38,7 @@ __all__ = [
     "ElasticityWarning",
     "GpxLcpError",
     "ProblemError",
+    "Refutation",
     "SettingsError",
     "StackedSystem",
     "Uniqueness",
@@ -59,6 +61,7 @@ __all__ = [
     "pyramid_qp",
     "pyramid_qp_residual",
     "pyramid_residual",
+    "refutation",
     "two_body_impulse",
     "two_body_impulse_along",
     "uniqueness",

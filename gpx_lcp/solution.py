@@ -19,7 +19,7 @@ class Status(Enum):
     SOLVED = "The residual of the program is within the tolerance."
     MAX_ITERATIONS = "The limit of iterations or of time was reached: raise it, warm-start, or take a direct solver."
     STALLED = "No further progress is possible here: accept the certificate's figure, or take another solver."
-    INFEASIBLE = "No impulses satisfy the program: see the infeasibility certificate in extras['infeasibility']."
+    INFEASIBLE = "No impulses satisfy the program: extras['infeasibility'] or extras['refutation'] proves it."
     NUMERICAL_ERROR = "The arithmetic broke down: check the scaling of the system; the best iterate is returned."
 
     def __repr__(self) -> str:

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from formulations import refutation
 from gpx_lcp import _core
 from gpx_lcp.core_system import core_system
 from gpx_lcp.errors import SettingsError
@@ -15,6 +16,8 @@ from gpx_lcp.solvers._interface import Outcome, Request
 
 MAX_STEPS: Final = 3000
 MAX_THREADS: Final = 256
+# Contacts in a plane, up to which the exact law is searched for a solution that the methods did not find.
+SEARCHED: Final = 6
 # The settings of both: threads that presolve's islands are solved on.
 DEFAULTS: Final = {"threads": 1}
 STATUS: Final = {
@@ -31,7 +34,9 @@ def run_exact(request: Request, method: str) -> Outcome:
     `extras` tells the number of `factorisations`, the `factor_seconds` that they took with the assembly of their
     blocks, and in `fill` the values in the factors of one Newton system. INFEASIBLE comes with
     `extras["infeasibility"]`, y (n, rows): impulses of the law's cone (frictionless ones for Coulomb's law) that move
-    nothing, A y = 0, with Bᵀ y > 0; no impulses p at all can have 0 ≤ yᵀ (A p - B) = -Bᵀ y.
+    nothing, A y = 0, with Bᵀ y > 0; no impulses p at all can have 0 ≤ yᵀ (A p - B) = -Bᵀ y. Coulomb's law may have no
+    solution without such a y: of up to six contacts in a plane, `extras["refutation"]` then is the proof, see
+    `formulations.existence`. It is looked for where the methods stop without limits of the caller's.
     """
     began = perf_counter()
     system = request.system
@@ -46,9 +51,14 @@ def run_exact(request: Request, method: str) -> Outcome:
     if report.infeasibility is not None:
         ray = report.infeasibility.reshape(system.contacts, system.rows)
         extras["infeasibility"] = ray / np.abs(ray).max()
+    status = STATUS[report.status]
+    if status in (Status.STALLED, Status.MAX_ITERATIONS) and _may_be_searched(request):
+        proof = refutation(system)
+        if proof is not None:
+            status, extras["refutation"] = Status.INFEASIBLE, proof
     return Outcome(
         impulse=report.impulse.reshape(system.contacts, system.rows),
-        status=STATUS[report.status],
+        status=status,
         program=request.formulation,
         iterations=report.iterations,
         setup_seconds=elapsed - report.solve_seconds,
@@ -58,6 +68,13 @@ def run_exact(request: Request, method: str) -> Outcome:
         extras=extras,
         presolved=report.presolve,
     )
+
+
+def _may_be_searched(request: Request) -> bool:
+    limited = request.max_iterations is not None or request.time_limit is not None
+    system = request.system
+    in_plane = request.formulation == "coulomb" and system.rows == 2
+    return in_plane and system.contacts <= SEARCHED and not limited
 
 
 def exact_settings(request: Request, method: str) -> dict[str, Any]:

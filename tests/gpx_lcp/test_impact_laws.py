@@ -166,6 +166,20 @@ def test_without_friction_and_separating_contacts_no_law_gains_energy(law):
     assert solved >= 30
 
 
+def test_newton_is_solved_or_refuted_on_linkages():
+    """Its B may ask for what no impulses give: then no way of the contacts has a point, and that is said."""
+    seen = set()
+    for seed in range(60):
+        system, elasticity, tangential = random_linkage(seed)
+        found = gpx.impact(system, "newton", elasticity=elasticity, tangential_elasticity=tangential)
+        seen.add(found.status)
+        if found.status is gpx.Status.INFEASIBLE:
+            proof = found.solutions[0].extras["refutation"]
+            assert proof.margin > 1e-4
+            assert found.residual > 1e-4
+    assert seen == {gpx.Status.SOLVED, gpx.Status.INFEASIBLE}
+
+
 def test_energy_safe_never_gains_where_the_others_do():
     """Linkages: few coordinates and several rough contacts, all closing, with tangential elasticity."""
     worst = dict.fromkeys(LAWS, 0.0)
