@@ -76,7 +76,10 @@ class Presolve:
         """Return a table, one line a reduction."""
         rows: list[tuple[str, ...]] = [("", "islands", "contacts", "rows", "velocities")]
         rows.append(("before", str(self.islands), *map(str, self.before)))
-        rows += [(item.name, str(item.islands), *(f"-{count}" for count in item.removed)) for item in self.reductions]
+        rows += [
+            (item.name, str(item.islands), *(f"-{count}" if count else "" for count in item.removed))
+            for item in self.reductions
+        ]
         rows.append(("after", "", *map(str, self.after)))
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         lines = []

@@ -14,14 +14,24 @@ import gpx_lcp as gpx
 SHAKING: Final = 0.3
 
 
+def nothing(world: gpx.World) -> None:
+    """Leave a world as it is."""
+
+
+def swing_load(world: gpx.World) -> None:
+    """Make all weights swing by half, so that what rests has other loads in every step."""
+    world.gravity = (0.0, 0.0, -9.81 * (1.0 + 0.5 * np.sin(8.0 * world.time)))
+
+
 @dataclass(frozen=True)
 class PresolveScene:
-    """A scene: what it is, how to make it, and steps taken before anything is measured."""
+    """A scene: what it is, how to make it, steps taken before anything is measured, and what is changed before each."""
 
     title: str
     make: Callable[[], gpx.Scene]
     steps_before: int = 0
     threads: int = 1
+    change: Callable[[gpx.World], None] = nothing
 
 
 def shaken(scene: gpx.Scene, plane: bool, seed: int = 0) -> gpx.Scene:
@@ -67,6 +77,9 @@ SCENES: Final[Mapping[str, PresolveScene]] = {
     "arch-25": PresolveScene("arch of 25 stones", lambda: gpx.scenes.arch(25)),
     "cards-4": PresolveScene("house of cards, 4 levels", lambda: gpx.scenes.card_house(4)),
     "column-100": PresolveScene("column of 100 point masses", lambda: gpx.scenes.column(100)),
+    "column-100-load": PresolveScene(
+        "column of 100, loads that change", lambda: gpx.scenes.column(100), change=swing_load
+    ),
     "pile-100-smooth": PresolveScene(
         "100 balls without friction in a pit", lambda: gpx.scenes.sphere_pile(100, friction=0.0), steps_before=150
     ),

@@ -26,6 +26,9 @@ SCENES = {
     "card house": lambda: gpx.scenes.card_house(2),
     "cylinders": lambda: gpx.scenes.cylinders(),
     "bricks": lambda: gpx.scenes.bricks(4),
+    "rocking block": lambda: gpx.scenes.rocking_block(1.5),
+    "superball": lambda: gpx.scenes.superball(10.0),
+    "break shot": lambda: gpx.scenes.break_shot(),
 }
 MODELS = {
     "tower": ["collinear", "closed form"],
@@ -38,6 +41,9 @@ MODELS = {
     "arch": ["planar"],
     "card house": ["planar"],
     "cylinders": ["planar"],
+    # All its normals are parallel, and it turns in the plane of the second of its tangents.
+    "rocking block": ["planar"],
+    "break shot": ["planar"],
 }
 
 

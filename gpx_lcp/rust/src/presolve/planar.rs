@@ -19,22 +19,20 @@ type Axis = [f64; 3];
 /// Normals closer to parallel than this do not tell the plane between them.
 const DISTINCT: f64 = 1e-3;
 
-/// Propose the plane that normals and sliding lie in, if they lie in one.
+/// Propose each plane that normals and sliding lie in.
 pub fn propose(
     view: &View,
     contacts: &[u32],
     runs: &[std::ops::Range<usize>],
     local: &LocalBodies,
-) -> Option<Proposal> {
-    let jacobian = view.jacobian?;
-    if !matches!(view.width, 3 | 6) {
-        return None;
-    }
-    let frame = Frames { view, jacobian };
-    let candidates = frame.normals_of_plane(contacts)?;
-    candidates
-        .into_iter()
-        .find_map(|axis| frame.in_plane(contacts, runs, local, &axis))
+) -> impl Iterator<Item = Proposal> {
+    let jacobian = view.jacobian.filter(|_| matches!(view.width, 3 | 6));
+    let frame = jacobian.map(|jacobian| Frames { view, jacobian });
+    frame.into_iter().flat_map(move |frame| {
+        let candidates = frame.normals_of_plane(contacts).unwrap_or_default();
+        let propose = move |axis: Axis| frame.in_plane(contacts, runs, local, &axis);
+        candidates.into_iter().filter_map(propose)
+    })
 }
 
 struct Frames<'a> {

@@ -401,8 +401,8 @@ fn smallest_sized(view: &View, contacts: &[u32], local: &LocalBodies) -> Option<
     let stands = |proposal: Proposal| Part::new(view, contacts, proposal, local);
     if view.width <= LARGEST {
         let collinear = collinear::propose(view, contacts, &runs, local).and_then(stands);
-        let found =
-            collinear.or_else(|| planar::propose(view, contacts, &runs, local).and_then(stands));
+        let planar = || planar::propose(view, contacts, &runs, local).find_map(stands);
+        let found = collinear.or_else(planar);
         if let Some(part) = found {
             return Some(part);
         }

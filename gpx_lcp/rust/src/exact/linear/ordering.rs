@@ -5,7 +5,7 @@
 //! Left out: aggressive absorption and dense-row treatment; contact graphs have no dense rows that matter.
 
 use std::cmp::Reverse;
-use std::collections::{BinaryHeap, HashMap};
+use std::collections::BinaryHeap;
 
 /// Returns the nodes in elimination order. `adjacency[i]` lists the neighbours of node i, without i itself; it is symmetric.
 pub fn minimum_degree(mut adjacency: Vec<Vec<u32>>) -> Vec<u32> {
@@ -21,6 +21,7 @@ pub fn minimum_degree(mut adjacency: Vec<Vec<u32>>) -> Vec<u32> {
     let mut mark = vec![usize::MAX; count];
     let mut outside = vec![0_usize; count]; // weight of an element outside the new one
     let mut outside_stamp = vec![usize::MAX; count];
+    let mut alike: Vec<(u64, u32)> = Vec::new(); // what a node sees, hashed, and the node
     let mut order = Vec::with_capacity(count);
     let mut left = count;
 
@@ -64,7 +65,7 @@ pub fn minimum_degree(mut adjacency: Vec<Vec<u32>>) -> Vec<u32> {
                 outside[e] -= weight[node];
             }
         }
-        let mut alike: HashMap<u64, Vec<u32>> = HashMap::new();
+        alike.clear();
         for &node in &element {
             let i = node as usize;
             adjacency[i].retain(|&j| weight[j as usize] > 0 && mark[j as usize] != stamp);
@@ -83,21 +84,23 @@ pub fn minimum_degree(mut adjacency: Vec<Vec<u32>>) -> Vec<u32> {
                             .rotate_left(29),
                     )
                 });
-            alike.entry(hash).or_default().push(node);
+            alike.push((hash, node));
         }
         element_lives[pivot] = true;
         // Nodes that see the same nodes and elements stay alike for ever: one is kept, with the weight of all.
-        for group in alike.values_mut().filter(|group| group.len() > 1) {
-            for node in group.iter() {
-                adjacency[*node as usize].sort_unstable();
-                elements_of[*node as usize].sort_unstable();
+        alike.sort_by_key(|&(hash, _)| hash);
+        let groups = alike.chunk_by(|one, other| one.0 == other.0);
+        for group in groups.filter(|group| group.len() > 1) {
+            for &(_, node) in group {
+                adjacency[node as usize].sort_unstable();
+                elements_of[node as usize].sort_unstable();
             }
             for first in 0..group.len() {
-                let keeper = group[first] as usize;
+                let keeper = group[first].1 as usize;
                 if weight[keeper] == 0 {
                     continue;
                 }
-                for &node in &group[first + 1..] {
+                for &(_, node) in &group[first + 1..] {
                     let other = node as usize;
                     let same = adjacency[other] == adjacency[keeper]
                         && elements_of[other] == elements_of[keeper];
