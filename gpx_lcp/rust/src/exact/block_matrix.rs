@@ -453,20 +453,32 @@ mod tests {
 
     #[test]
     fn products_agree_with_each_other() {
-        let values: Vec<f64> = (0..36).map(|k| f64::from(k % 7) - 3.0).collect();
-        let matrix = BlockMatrix::new(vec![0, 1, 2], vec![1, 0], values, (3, 6), 2).unwrap();
-        let x: Vec<f64> = (0..12).map(f64::from).collect();
-        let y = [[1.0, -2.0, 0.5], [0.0, 3.0, 1.0]];
-        let (mut forward, mut back) = ([[0.0; 3]; 2], vec![0.0; 12]);
-        matrix.times(&x, &mut forward);
-        matrix.transpose_times(&y, &mut back);
-        let left: f64 = forward
-            .iter()
-            .flatten()
-            .zip(y.iter().flatten())
-            .map(|(a, b)| a * b)
-            .sum();
-        let right: f64 = back.iter().zip(&x).map(|(a, b)| a * b).sum();
-        assert!((left - right).abs() < 1e-12);
+        let shapes = [
+            (1, 1),
+            (1, 2),
+            (1, 3),
+            (1, 6),
+            (2, 2),
+            (2, 3),
+            (3, 3),
+            (3, 6),
+        ];
+        // The last one has no code of its own.
+        for (height, width) in shapes.into_iter().chain([(2, 5)]) {
+            let area = height * width;
+            let values: Vec<f64> = (0..3 * area).map(|k| (k % 7) as f64 - 3.0).collect();
+            let (starts, columns) = (vec![0, 1, 3], vec![1, 0, 1]);
+            let matrix = BlockMatrix::new(starts, columns, values, (height, width), 2).unwrap();
+            let x: Vec<f64> = (0..2 * width).map(|k| k as f64).collect();
+            let mut y = [[1.0, -2.0, 0.5], [0.0, 3.0, 1.0]];
+            y.iter_mut().for_each(|part| part[height..].fill(0.0));
+            let (mut forward, mut back) = ([[7.0; 3]; 2], vec![7.0; 2 * width]);
+            matrix.times(&x, &mut forward);
+            matrix.transpose_times(&y, &mut back);
+            let (forward, y) = (forward.as_flattened(), y.as_flattened());
+            let left: f64 = forward.iter().zip(y).map(|(a, b)| a * b).sum();
+            let right: f64 = back.iter().zip(&x).map(|(a, b)| a * b).sum();
+            assert!((left - right).abs() < 1e-12, "{height} {width}");
+        }
     }
 }

@@ -206,13 +206,7 @@ impl BlockLu {
             for (i, &row) in supernode.below.iter().enumerate() {
                 for k in 0..block {
                     let line = &lower[(i * block + k) * width..][..width];
-                    // Fronts of one node are many where bodies are few to each other.
-                    let sum = if width == block {
-                        dot(&line[..block], &pivots[..block])
-                    } else {
-                        dot(line, pivots)
-                    };
-                    rest[row as usize * block + k - first - width] -= sum;
+                    rest[row as usize * block + k - first - width] -= dot(line, pivots);
                 }
             }
         }
