@@ -32,8 +32,8 @@ LAW = ImpactLaw(
     summary="closing velocity × elasticity, contact by contact, one program",
     promises="Each contact that bears an impulse leaves with (e - 1) times the speed at which it closed. Without "
     "friction, and where no contact separates beforehand, no energy is gained.",
-    breaks="Friction can make it gain energy (Kane's double pendulum). A row of equal balls is no cradle: the first "
-    "comes back with (n - 2)/n.",
+    breaks="Friction can make it gain energy (Kane's double pendulum), and ask for what no impulses give (linkages). A "
+    "row of equal balls is no cradle: the first comes back with (n - 2)/n.",
     run=run,
     in_core=True,
 )
