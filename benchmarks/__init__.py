@@ -1,4 +1,4 @@
-"""The comparison of contact solvers: `python -m benchmarks list`, `run stacks` and `run fclib`.
+"""The comparison of contact solvers: `python -m benchmarks`.
 
 One thread everywhere. The pools of BLAS, OpenMP and rayon read these variables when they are first loaded, so they are
 set here, before anything imports numpy; a value set by the user stays and is recorded with the results.

@@ -2,6 +2,20 @@
 
 import sys
 
-from benchmarks.cli import main
+from benchmarks import exit_codes
 
-sys.exit(main())
+
+def _start() -> int:
+    """Load the command line, which takes a second, and run it."""
+    try:
+        from benchmarks.cli import main
+    except ModuleNotFoundError as error:
+        print(f"refused: {error.name} is not installed: make setup, or pip install --editable '.[bench]'")
+        return exit_codes.REFUSED
+    except KeyboardInterrupt:
+        print("stopped by Ctrl-C")
+        return exit_codes.INTERRUPTED
+    return main()
+
+
+sys.exit(_start())

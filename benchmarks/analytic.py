@@ -23,14 +23,15 @@ from rich.text import Text
 
 import gpx_lcp as gpx
 from benchmarks.arguments import add_effort, add_filters, chosen
-from benchmarks.attempts import COLD, OWN, Attempt, Outcome
+from benchmarks.asked import add_peers, engines_asked, missing_peers, wanted
+from benchmarks.attempts import COLD, MISSING, OWN, Attempt, Outcome
 from benchmarks.charts import look_of
 from benchmarks.drawing import Entry, draw_legends, label_figure, panel_grid, plain_decades, save, title_panel
-from benchmarks.engines import ENGINES, as_shipped
+from benchmarks.engines import ENGINES, as_shipped, require_installed
 from benchmarks.interface import Array, Contacts, Motion, Setting
 from benchmarks.records import Record
 from benchmarks.style import house_style
-from benchmarks.tables import new_table
+from benchmarks.tables import missing_notes, new_table
 
 NAME = "analytic"
 G: Final = 9.81
@@ -290,12 +291,12 @@ CASES: Mapping[str, Case] = {
 }
 
 
-def settings() -> list[Setting]:
-    """Return gpx-lcp's exact solver and its sweeps, and each installed peer as it is shipped."""
+def settings(names: Sequence[str]) -> list[Setting]:
+    """Return gpx-lcp's exact solver and its sweeps, and each of the named engines as it is shipped."""
     own = [("newton", 1e-10), ("pgs", 1e-6)]
     return [
         *(Setting(OWN, name, "coulomb", f"tolerance {bound:g}", 0.0, {"tolerance": bound}) for name, bound in own),
-        *as_shipped(),
+        *as_shipped(names),
     ]
 
 
@@ -328,6 +329,7 @@ class CaseBench:
 
     def try_once(self, attempt: Attempt, first: bool, seconds_left: float) -> Sequence[Outcome]:
         """Simulate the whole case, and compare its end with the truth; each step is timed."""
+        require_installed(attempt.engine)
         setting, time_step = self._batch.settings[attempt.key], 1.0 / attempt.effort
         steps, seconds, heights = round(self._case.seconds / time_step), [], []
         begun = time.perf_counter()
@@ -365,6 +367,7 @@ class Analytic:
     def add_arguments(self, parser: argparse.ArgumentParser) -> None:
         """Add the suite's arguments."""
         add_filters(parser)
+        add_peers(parser)
         add_effort(parser, (REPEATS, QUICK_REPEATS), (TIME_LIMIT, QUICK_TIME_LIMIT))
 
     def scenes(self) -> Mapping[str, str]:
@@ -373,25 +376,20 @@ class Analytic:
 
     def batches(self, asked: argparse.Namespace, folder: Path) -> Sequence[CaseBatch]:
         """Return a batch for each case."""
-        wanted = [
-            setting
-            for setting in settings()
-            if (asked.solver is None or setting.solver in asked.solver)
-            and (asked.formulation is None or setting.formulation in asked.formulation)
-        ]
-        if not wanted:
+        run = wanted(asked, settings(engines_asked(asked)))
+        if not run:
             return []
         rates = QUICK_RATES if asked.quick else RATES
         return [
             CaseBatch(
                 name,
-                [attempt for attempt, _ in asking],
+                [*(attempt for attempt, _ in asking), *missing_peers(asked, NAME, name)],
                 {attempt.key: setting for attempt, setting in asking},
                 asked.repeats or (QUICK_REPEATS if asked.quick else REPEATS),
                 asked.time_limit or (QUICK_TIME_LIMIT if asked.quick else TIME_LIMIT),
             )
             for name in chosen(CASES, asked.scene)
-            for asking in [[(_attempt(name, setting, rate), setting) for setting in wanted for rate in rates]]
+            for asking in [[(_attempt(name, setting, rate), setting) for setting in run for rate in rates]]
         ]
 
     def batch_tables(self, records: Sequence[Record]) -> Sequence[Table]:
@@ -400,11 +398,12 @@ class Analytic:
 
     def tables(self, records: Sequence[Record], folder: Path) -> Sequence[Table | Text]:
         """Return the errors at each time step, a line for each case."""
-        rates = sorted({row.effort for row in records})
+        rates = sorted({row.effort for row in records if row.status != MISSING})
         refused = {f"{row.engine}: {row.message}" for row in records if row.status == "refused"}
         return [
             *(_table_at(rate, records) for rate in rates),
             *(Text(text, style="yellow") for text in sorted(refused)),
+            *missing_notes(records),
         ]
 
     def draw(self, records: Sequence[Record], folder: Path, out: Path, footer: str) -> Sequence[Path]:

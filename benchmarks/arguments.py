@@ -26,7 +26,7 @@ def add_tolerance(parser: argparse.ArgumentParser, usual: Sequence[float], quick
     parser.add_argument(
         "--tolerance",
         action="append",
-        type=_tolerance,
+        type=tolerance,
         metavar="T",
         help=f"only this tolerance ({_listed(usual)}; quick: {_listed(quick)})",
     )
@@ -72,10 +72,9 @@ def chosen(names: Iterable[str], patterns: Sequence[str] | None) -> list[str]:
 
 def positive(text: str) -> int:
     """Read a whole number above zero."""
-    value = int(text)
-    if value < 1:
+    if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text} is not a whole number above zero")
-    return value
+    return int(text)
 
 
 def seconds(text: str) -> float:
@@ -83,19 +82,22 @@ def seconds(text: str) -> float:
     return _above_zero(text, "time")
 
 
-def _tolerance(text: str) -> float:
+def tolerance(text: str) -> float:
+    """Read a tolerance above zero."""
     return _above_zero(text, "tolerance")
 
 
 def _whole(text: str) -> int:
-    value = int(text)
-    if value < 0:
+    if not text.isdecimal():
         raise argparse.ArgumentTypeError(f"{text} is not a whole number from zero on")
-    return value
+    return int(text)
 
 
 def _above_zero(text: str, what: str) -> float:
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
     if not 0 < value < math.inf:
         raise argparse.ArgumentTypeError(f"{text} is not a {what} above zero")
     return value

@@ -6,7 +6,9 @@ another; its rows are stored once, when they arrive. Workers must run one task a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import pickle
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
@@ -17,6 +19,8 @@ from benchmarks.measuring import Measured, measure, not_measured
 
 LOCAL = "local"
 INSTALL = "pip install 'gpx-lcp[cluster]'"
+# How often workers are looked for, and how long a cluster may be without one, s: a nanny starts another in less.
+LOOK, PATIENCE = 1.0, 60.0
 
 
 def measure_on(
@@ -38,17 +42,16 @@ def measure_on(
     """
     with connected(scheduler) as client:
         require_one_task_at_a_time(client)
+        require_project(client)
         left = list(reversed(batches))
         running: dict[Any, Batch] = {}
         # No more than there are workers: Dask blames whatever waits on a worker that is lost, too.
-        ended = _distributed().as_completed()
         while left or running:
             while left and len(running) < max(1, len(_workers(client))):
                 batch = left.pop()
-                future = client.submit(_measure, batch, pure=False)
-                running[future] = batch
-                ended.add(future)
-            future = next(ended)
+                # As bytes: a worker that cannot unpack an object by itself is lost, and here it is the batch's error.
+                running[client.submit(_measure, pickle.dumps(batch), pure=False)] = batch
+            future = _first_done(client, running)
             batch = running.pop(future)
             _tell(batch, advance)
             if future.status == "finished":
@@ -56,6 +59,27 @@ def measure_on(
             else:
                 error = future.exception()
                 yield batch, _failed(batch, f"{type(error).__name__}: {error}")
+
+
+def _first_done(client: Any, running: Mapping[Any, Batch]) -> Any:
+    """Wait for the first of the batches to end.
+
+    Raises
+    ------
+    BackendMissing
+        When there has been no worker for a while.
+    """
+    distributed, there = _distributed(), time.monotonic()
+    while True:
+        try:
+            return distributed.wait(list(running), timeout=LOOK, return_when="FIRST_COMPLETED").done.pop()
+        except TimeoutError:
+            there = time.monotonic() if _workers(client) else there
+            if time.monotonic() - there > PATIENCE:
+                raise gpx.BackendMissing(
+                    f"--scheduler: the cluster has had no worker for {PATIENCE:g} s; what was measured is kept, and "
+                    "--resume goes on"
+                ) from None
 
 
 def _tell(batch: Batch, advance: Callable[[str], None]) -> None:
@@ -106,13 +130,26 @@ def require_one_task_at_a_time(client: Any) -> None:
             )
 
 
+def require_project(client: Any) -> None:
+    """Raise SettingsError when a worker cannot load this module: it would be lost with the first batch that it got."""
+    # A lambda, which Dask sends as it is and not by its name.
+    loaded = client.run(lambda: bool(__import__("benchmarks.cluster")), on_error="return")
+    for address, answer in loaded.items():
+        if isinstance(answer, Exception):
+            raise gpx.SettingsError(
+                f"--scheduler: the worker {address} cannot load the benchmarks ({answer}): start it in a checkout of "
+                "this project"
+            )
+
+
 def _workers(client: Any) -> dict[str, Any]:
     workers: dict[str, Any] = client.scheduler_info(n_workers=-1)["workers"]
     return workers
 
 
-def _measure(batch: Batch) -> Measured:
+def _measure(packed: bytes) -> Measured:
     """Measure a batch on a worker; one that has joined since with several threads takes no times."""
+    batch = pickle.loads(packed)
     threads = _distributed().get_worker().state.nthreads
     if threads != 1:
         raise RuntimeError(f"this worker runs {threads} tasks at a time: start it with --nthreads 1")

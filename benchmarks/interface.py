@@ -37,6 +37,8 @@ class Setting:
         What the adapter passes on to the engine.
     first_step_only : bool
         Whether there is nothing to follow: a solver without a simulation around it, or one that costs too much there.
+    careful : bool
+        Whether it is the most careful of its solver's settings; where none is, that is the one of most effort.
     """
 
     engine: str
@@ -46,6 +48,7 @@ class Setting:
     effort: float
     options: Mapping[str, Any] = field(default_factory=dict)
     first_step_only: bool = False
+    careful: bool = False
 
     @property
     def line(self) -> tuple[str, str, str]:
@@ -111,7 +114,7 @@ class StepFacts:
     method : str
         What really ran, where that can be known.
     fallbacks : tuple of str
-    iterations : int or None
+    iterations, factorisations : int or None
     setup_seconds, solve_seconds : float or None
         Parts of the step, where the engine tells them apart.
     """
@@ -120,8 +123,26 @@ class StepFacts:
     method: str = ""
     fallbacks: tuple[str, ...] = ()
     iterations: int | None = None
+    factorisations: int | None = None
     setup_seconds: float | None = None
     solve_seconds: float | None = None
+
+
+@dataclass(frozen=True)
+class SystemAnswer:
+    """What a solver of stacked systems gave.
+
+    Parameters
+    ----------
+    impulse : (n, rows) array, N s
+    seconds : float, s
+        Wall time of the solver's call.
+    facts : StepFacts
+    """
+
+    impulse: Array
+    seconds: float
+    facts: StepFacts
 
 
 class Simulation(Protocol):
@@ -169,6 +190,19 @@ class Engine(Protocol):
         ------
         SettingsError
             When the engine cannot be set up to solve this scene as it is.
+        """
+
+
+class SystemEngine(Engine, Protocol):
+    """An engine that solves stacked systems, too, without a scene around them."""
+
+    def answer(self, system: gpx.StackedSystem, setting: Setting, time_limit: float) -> SystemAnswer:
+        """Solve a system from nothing; `time_limit`, s, holds where the engine can be told so.
+
+        Raises
+        ------
+        SettingsError
+            When the engine cannot be asked this system as it is.
         """
 
 

@@ -203,7 +203,6 @@ def _record(trial: Trials, case: str, answers: list[Answer]) -> Record:
         repeats=len(made),
         steps=len(first.step_seconds) if first.steps is None else first.steps,
         steps_asked=first.steps_asked,
-        setup_seconds=_median([outcome.setup_seconds for outcome in outcomes[1:]] or [first.setup_seconds]),
         iterations=first.iterations,
         factorisations=first.factorisations,
         certificate=certificate_columns(first.certificate) if first.certificate else {},
@@ -212,9 +211,9 @@ def _record(trial: Trials, case: str, answers: list[Answer]) -> Record:
     if timed:
         middle, low, high = step_times(timed)
         row = replace(row, step_seconds=middle, step_seconds_low=low, step_seconds_high=high)
-    told = [outcome.solve_seconds for outcome in outcomes if outcome.solve_seconds is not None]
-    solving = told[1:] or told
-    if solving:
+    if setting_up := _told([outcome.setup_seconds for outcome in outcomes]):
+        row = replace(row, setup_seconds=statistics.median(setting_up))
+    if solving := _told([outcome.solve_seconds for outcome in outcomes]):
         middle = max(statistics.median(solving), TICK)
         row = replace(row, solve_seconds=middle, solve_seconds_low=min(solving), solve_seconds_high=max(solving))
     return row
@@ -234,6 +233,7 @@ def step_times(trials: Sequence[Sequence[float]]) -> tuple[float, float, float]:
     return middle, low, high
 
 
-def _median(values: Sequence[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return statistics.median(known) if known else None
+def _told(seconds: Sequence[float | None]) -> list[float]:
+    """Return what the trials tell of a part of their time, without the first one where others tell, too."""
+    known = [value for value in seconds if value is not None]
+    return known[1:] or known

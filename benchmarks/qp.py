@@ -105,6 +105,7 @@ class ProgramBench:
                 fallbacks=solution.fallbacks,
                 contacts=self._system.contacts,
                 iterations=solution.iterations,
+                factorisations=solution.extras.get("factorisations"),
                 certificate=solution.certificate,
                 reached=reached,
                 answer=replace(

@@ -26,16 +26,18 @@ from rich.text import Text
 import gpx_lcp as gpx
 from benchmarks import stacks
 from benchmarks.arguments import add_effort, add_filters, chosen
+from benchmarks.asked import add_peers, engines_asked, missing_peers, wanted
 from benchmarks.attempts import COLD, OWN, Answer, Attempt, Outcome
 from benchmarks.bodies import Bodies
 from benchmarks.charts import Look, look_of
 from benchmarks.drawing import Entry, draw_legends, label_figure, panel_grid, plain_decades, save, title_panel
-from benchmarks.engines import ENGINES, as_shipped
+from benchmarks.engines import ENGINES, as_shipped, require_installed
 from benchmarks.interface import Setting
 from benchmarks.measures import measure
 from benchmarks.records import Record
+from benchmarks.simulating import of_facts
 from benchmarks.style import house_style
-from benchmarks.tables import new_table
+from benchmarks.tables import missing_notes, new_table
 
 NAME = "scaling"
 SIZES, QUICK_SIZES = (10, 30, 100, 300, 1000, 3000, 10000), (10, 30)
@@ -76,8 +78,8 @@ SCENES: Mapping[str, tuple[Family, int]] = {
 }
 
 
-def settings() -> list[Setting]:
-    """Return gpx-lcp's sweeps on one thread and two, its newton, and each installed peer as it is shipped."""
+def settings(names: Sequence[str]) -> list[Setting]:
+    """Return gpx-lcp's sweeps on one thread and two, its newton, and each of the named engines as it is shipped."""
     sweeps = ENGINES[OWN].sweeping(SWEEPS)[0]
     threaded = replace(
         sweeps, label=f"{SWEEPS} sweeps, {THREADS} threads", options={**sweeps.options, "threads": THREADS}
@@ -85,7 +87,7 @@ def settings() -> list[Setting]:
     newton = Setting(
         OWN, "newton", "coulomb", f"tolerance {SOLVER_TOLERANCE:.0e}", 8.0, {"tolerance": SOLVER_TOLERANCE}
     )
-    return [sweeps, threaded, newton, *as_shipped()]
+    return [sweeps, threaded, newton, *as_shipped(names)]
 
 
 @dataclass(frozen=True)
@@ -119,6 +121,7 @@ class ScalingBench:
 
     def try_once(self, attempt: Attempt, first: bool, seconds_left: float) -> Sequence[Outcome]:
         """Simulate until the timed steps are done or time is up, and judge the last of them."""
+        require_installed(attempt.engine)
         setting = self._batch.settings[attempt.key]
         count, start = len(self._scene.bodies), time.perf_counter()
         seconds: list[float] = []
@@ -148,7 +151,7 @@ class ScalingBench:
                 status=facts.status,
                 method=facts.method,
                 contacts=contacts.gap.size,
-                iterations=facts.iterations,
+                **of_facts([facts]),
                 certificate=certificate,
                 answer=Answer(certificate.system, certificate.impulse),
                 figures={"penetration": judged.penetration},
@@ -170,6 +173,7 @@ class Scaling:
     def add_arguments(self, parser: argparse.ArgumentParser) -> None:
         """Add the suite's arguments."""
         add_filters(parser)
+        add_peers(parser)
         add_effort(parser, (REPEATS, QUICK_REPEATS), (TIME_LIMIT, QUICK_TIME_LIMIT))
 
     def scenes(self) -> Mapping[str, str]:
@@ -178,24 +182,21 @@ class Scaling:
 
     def batches(self, asked: argparse.Namespace, folder: Path) -> Sequence[ScalingBatch]:
         """Return a batch for each scene."""
-        wanted = [
-            setting
-            for setting in settings()
-            if (asked.solver is None or setting.solver in asked.solver)
-            and (asked.formulation is None or setting.formulation in asked.formulation)
-        ]
+        run = wanted(asked, settings(engines_asked(asked)))
+        if not run:
+            return []
         usual = [name for name, (_, size) in SCENES.items() if not asked.quick or size in QUICK_SIZES]
         names = chosen(SCENES, asked.scene) if asked.scene else usual
         return [
             ScalingBatch(
                 name,
-                list(attempts.values()),
-                {attempts[setting.label, setting.line].key: setting for setting in wanted},
+                [*attempts.values(), *missing_peers(asked, NAME, name)],
+                {attempts[setting.label, setting.line].key: setting for setting in run},
                 asked.repeats or (QUICK_REPEATS if asked.quick else REPEATS),
                 asked.time_limit or (QUICK_TIME_LIMIT if asked.quick else TIME_LIMIT),
             )
             for name in names
-            if (attempts := {(setting.label, setting.line): _attempt(name, setting) for setting in wanted})
+            if (attempts := {(setting.label, setting.line): _attempt(name, setting) for setting in run})
         ]
 
     def batch_tables(self, records: Sequence[Record]) -> Sequence[Table]:
@@ -204,7 +205,8 @@ class Scaling:
 
     def tables(self, records: Sequence[Record], folder: Path) -> Sequence[Table | Text]:
         """Return a table for each family: the exponent of each setting, and its times."""
-        return [_table(family, found) for name, family in FAMILIES.items() if (found := _lines(name, records))]
+        tables = [_table(family, found) for name, family in FAMILIES.items() if (found := _lines(name, records))]
+        return [*tables, *missing_notes(records)]
 
     def draw(self, records: Sequence[Record], folder: Path, out: Path, footer: str) -> Sequence[Path]:
         """Draw time per step over bodies, a panel for each family."""

@@ -9,10 +9,10 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
-import gpx_lcp as gpx
 from benchmarks import engines, stacks
 from benchmarks.attempts import COLD, Answer, Attempt, Outcome
 from benchmarks.bodies import Bodies
@@ -109,9 +109,7 @@ class SceneBench:
 
     def try_once(self, attempt: Attempt, first: bool, seconds_left: float) -> Sequence[Outcome]:
         """Run one simulation."""
-        engine = engines.ENGINES[attempt.engine]
-        if not engine.version():
-            raise gpx.BackendMissing(engine.install)
+        engines.require_installed(attempt.engine)
         setting, trial, failed = self._batch.settings[attempt.key], Trial(), ("", "")
         try:
             self._simulate(trial, setting, first, not self._whole.get(attempt.key, True), seconds_left)
@@ -183,14 +181,7 @@ class SceneBench:
         facts = trial.facts[part]
         if not facts:  # of a trial that is there for its times
             return outcome
-        # A solver that tells set-up and solving apart does so for each step.
-        outcome = replace(
-            outcome,
-            setup_seconds=_mean([fact.setup_seconds for fact in facts]),
-            solve_seconds=_mean([fact.solve_seconds for fact in facts]),
-            status=failed[0] or _worst_status(facts),
-            message=failed[1],
-        )
+        outcome = replace(outcome, status=failed[0] or worst_status(facts), message=failed[1], **of_facts(facts))
         judged = {step: found for step, found in trial.judged.items() if (step == 0) == (case == COLD)}
         if not judged:
             return outcome
@@ -198,10 +189,8 @@ class SceneBench:
         return replace(
             outcome,
             method=facts[-1].method,
-            fallbacks=tuple(dict.fromkeys(name for fact in facts for name in fact.fallbacks)),
             bodies=self._bodies.count,
             contacts=trial.contacts[max(judged)],
-            iterations=_mean([fact.iterations for fact in facts]),
             certificate=certificate,
             answer=Answer(certificate.system, certificate.impulse),
             figures=self._worst(list(judged.values())),
@@ -224,7 +213,16 @@ def _hopeless(spent: float, made: int, steps: int, left: float, limit: float) ->
     return spent / made * (steps - made) > GIVE_UP_EXCESS * left
 
 
-def _worst_status(facts: Sequence[StepFacts]) -> str:
+def of_facts(facts: Sequence[StepFacts]) -> dict[str, Any]:
+    """Return the fields of an Outcome that engines tell themselves: every fallback, and means over the steps."""
+    means = ("setup_seconds", "solve_seconds", "iterations", "factorisations")
+    return {
+        "fallbacks": tuple(dict.fromkeys(name for fact in facts for name in fact.fallbacks)),
+        **{name: _mean([getattr(fact, name) for fact in facts]) for name in means},
+    }
+
+
+def worst_status(facts: Sequence[StepFacts]) -> str:
     """Return the first status that is not a success, else the common one."""
     return next((fact.status for fact in facts if fact.status not in ("ran", "solved")), facts[-1].status)
 

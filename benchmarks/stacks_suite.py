@@ -9,19 +9,21 @@ from pathlib import Path
 from rich.table import Table
 from rich.text import Text
 
+import gpx_lcp as gpx
 from benchmarks import stacks
-from benchmarks.arguments import add_effort, add_filters, chosen, positive
-from benchmarks.attempts import COLD, OWN, Attempt, Batch
+from benchmarks.arguments import add_effort, add_filters, chosen, positive, tolerance
+from benchmarks.asked import add_peers, engines_asked, missing_peers, wanted
+from benchmarks.attempts import COLD, Attempt, Batch
 from benchmarks.charts import AXES, speed_accuracy
-from benchmarks.engines import ENGINES, PEERS
+from benchmarks.engines import ENGINES
 from benchmarks.forces import SCENES as PICTURED
 from benchmarks.forces import force_chart
-from benchmarks.interface import Setting
+from benchmarks.interface import Setting, scientific
 from benchmarks.records import Record
 from benchmarks.simulating import STEPPED, SceneBatch
 from benchmarks.sweep_costs import SCENES as SWEEP_SCENES
 from benchmarks.sweep_costs import SWEEP, sweep_batch
-from benchmarks.tables import moving_table, rate_table, ratio_table, reach_table, scene_table
+from benchmarks.tables import missing_notes, moving_table, rate_table, ratio_table, reach_table, scene_table
 
 REPEATS, QUICK_REPEATS = 3, 2
 STEPS, QUICK_STEPS = 240, 20
@@ -44,11 +46,13 @@ class Stacks:
     def add_arguments(self, parser: argparse.ArgumentParser) -> None:
         """Add the suite's arguments."""
         add_filters(parser)
+        add_peers(parser)
         parser.add_argument(
-            "--peer", action="append", choices=[*PEERS, "none"], help="only this peer; 'none' for gpx-lcp alone"
-        )
-        parser.add_argument(
-            "--tolerance", action="append", type=float, metavar="T", help="only settings that ask for this tolerance"
+            "--tolerance",
+            action="append",
+            type=tolerance,
+            metavar="T",
+            help="only settings that ask for this tolerance (may be repeated)",
         )
         add_effort(parser, (REPEATS, QUICK_REPEATS), (TIME_LIMIT, QUICK_TIME_LIMIT))
         parser.add_argument(
@@ -72,16 +76,12 @@ class Stacks:
             if asked.scene
             else list(stacks.QUICK_SCENES if asked.quick else stacks.USUAL_SCENES)
         )
-        peers = set(PEERS if asked.peer is None else asked.peer)
-        there = [name for name in ENGINES if name == OWN or name in peers]
-        installed = [name for name in there if ENGINES[name].version()]
-        settings = [
-            setting for name in installed for setting in ENGINES[name].settings(asked.quick) if _wants(asked, setting)
-        ]
+        installed = engines_asked(asked)
+        settings = _of_tolerance(asked, [each for name in installed for each in ENGINES[name].settings(asked.quick)])
+        settings = wanted(asked, settings)
         if not settings:
             return []
-        missing = [name for name in there if name not in installed]
-        batches: list[Batch] = [_scene_batch(name, settings, missing, asked) for name in names]
+        batches: list[Batch] = [_scene_batch(name, settings, asked) for name in names]
         if not asked.quick:
             lines = list(dict.fromkeys(setting.line for setting in settings))
             batches += [sweep_batch(name, installed, lines) for name in SWEEP_SCENES if name in names]
@@ -104,8 +104,7 @@ class Stacks:
             *([moving_table(moving, records)] if moving else []),
             *([rate_table(sweeps)] if sweeps else []),
         ]
-        gone = {record.engine: record.message for record in records if record.status == "missing"}
-        return [*tables, *(Text(f"{name} is missing. {install}", style="yellow") for name, install in gone.items())]
+        return [*tables, *missing_notes(records)]
 
     def draw(self, records: Sequence[Record], folder: Path, out: Path, footer: str) -> Sequence[Path]:
         """Draw speed against accuracy, for each case."""
@@ -129,21 +128,31 @@ class Stacks:
         ]
 
 
-def _wants(asked: argparse.Namespace, setting: Setting) -> bool:
-    return (
-        (asked.solver is None or setting.solver in asked.solver)
-        and (asked.formulation is None or setting.formulation in asked.formulation)
-        and (asked.tolerance is None or setting.options.get("tolerance") in asked.tolerance)
-    )
+def _of_tolerance(asked: argparse.Namespace, settings: Sequence[Setting]) -> Sequence[Setting]:
+    """Return the settings that ask for a tolerance that is asked for.
+
+    Raises
+    ------
+    SettingsError
+        When none asks for one of them.
+    """
+    if asked.tolerance is None:
+        return settings
+    known = sorted({bound for setting in settings if (bound := setting.options.get("tolerance"))})
+    for bound in asked.tolerance:
+        if bound not in known:
+            raise gpx.SettingsError(
+                f"--tolerance is {scientific(bound)}: no setting asks for it; there are "
+                f"{', '.join(map(scientific, known))}"
+            )
+    return [setting for setting in settings if setting.options.get("tolerance") in asked.tolerance]
 
 
-def _scene_batch(
-    name: str, settings: Sequence[Setting], missing: Sequence[str], asked: argparse.Namespace
-) -> SceneBatch:
-    """Return the batch of a scene; an engine that is missing is one attempt, so that it is no hole in the results."""
+def _scene_batch(name: str, settings: Sequence[Setting], asked: argparse.Namespace) -> SceneBatch:
+    """Return the batch of a scene."""
     scene = stacks.SCENES[name]
     run = [(_attempt(name, setting), setting) for setting in settings if scene.wants(setting)]
-    gone = [Attempt(stacks.NAME, name, "", "", engine=engine) for engine in missing]
+    gone = missing_peers(asked, stacks.NAME, name)
     limit = asked.time_limit or (QUICK_TIME_LIMIT if asked.quick else TIME_LIMIT)
     return SceneBatch(
         name=name,

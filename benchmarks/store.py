@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, replace
@@ -20,7 +21,7 @@ from benchmarks.records import CERTIFICATE, Record
 # Columns that are mappings in a Record and stand flat in a table; a column's metadata says which it came from.
 GROUPS = ("certificate", "figures", "where")
 TYPES = {str: pa.string(), int: pa.int64(), float: pa.float64(), bool: pa.bool_()}
-ROWS, ASKED, ANSWERS = "rows.parquet", "asked.json", "answers"
+ROWS, CSV, ASKED, ANSWERS = "rows.parquet", "rows.csv", "asked.json", "answers"
 
 
 class Folder:
@@ -59,14 +60,41 @@ class Folder:
         partial = self.path / f"{ROWS}.partial"
         pyarrow.parquet.write_table(table, partial, compression="zstd")
         partial.replace(self.path / ROWS)
-        partial = self.path / "rows.csv.partial"
+        partial = self.path / f"{CSV}.partial"
         pyarrow.csv.write_csv(table, partial)
-        partial.replace(self.path / "rows.csv")
+        partial.replace(self.path / CSV)
 
     def _free_name(self, name: str) -> str:
         stem = re.sub(r"[^\w.-]+", "_", name)
         taken = {path.name for path in (self.path / ANSWERS).glob("*.npz")}
         return next(file for n in range(len(taken) + 1) if (file := f"{stem}-{n}.npz") not in taken)
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder for results, with those above it.
+
+    Raises
+    ------
+    SettingsError
+        When it cannot be made or written to.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise gpx.SettingsError(f"--out: the folder {path} cannot be made ({error.strerror})") from error
+    if not os.access(path, os.W_OK):
+        raise gpx.SettingsError(f"--out: the folder {path} cannot be written to")
+
+
+def clear(path: Path) -> int:
+    """Take away the rows and answers of an earlier run, and return how many rows there were."""
+    try:
+        count = pyarrow.parquet.read_metadata(path / ROWS).num_rows
+    except (OSError, pa.ArrowInvalid):
+        count = 0
+    for old in (path / ROWS, path / CSV, *(path / ANSWERS).glob("*.npz")):
+        old.unlink(missing_ok=True)
+    return count
 
 
 def write_asked(path: Path, asked: Mapping[str, Any]) -> None:
@@ -120,7 +148,8 @@ def read(folder: Path) -> list[Record]:
     """
     path = folder / ROWS
     try:
-        table = pyarrow.parquet.read_table(path)
+        # In one go: a run that goes on may put another file in its place.
+        table = pyarrow.parquet.read_table(pa.BufferReader(path.read_bytes()))
     except (OSError, pa.ArrowInvalid) as error:
         raise gpx.SettingsError(f"{folder} holds no results: {ROWS} cannot be read ({error})") from error
     groups = {column.name: (column.metadata or {}).get(b"group", b"").decode() for column in table.schema}

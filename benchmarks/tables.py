@@ -9,6 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from benchmarks import ratios
+from benchmarks.attempts import MISSING
 from benchmarks.interface import scientific
 from benchmarks.records import Record
 
@@ -18,10 +19,10 @@ BOUNDS = (1e-2, 1e-3, 1e-6, 1e-9)
 def scene_table(title: str, rows: Sequence[Record]) -> Table:
     """Return one scene's table: a line per setting, the cold first step beside the warm steps."""
     table = new_table(title)
-    table.add_column("engine, solver, program, setting", overflow="fold", min_width=38)
-    for column in ("cold ms", "of it solve", "load err", "nat. map", "warm ms", "load err", "sunk µm", "drift µm"):
+    table.add_column("engine, solver, program, setting", overflow="fold", min_width=36)
+    for column in ("cold ms", "solve ms", "load err", "nat. map", "warm ms", "load err", "sunk µm", "drift µm"):
         table.add_column(column, justify="right", no_wrap=True)
-    table.add_column("remark", style="yellow")
+    table.add_column("remark", style="yellow", overflow="fold", min_width=15)
     previous = ""
     for cold, stepped in _pairs(rows):
         if previous and cold.engine != previous:
@@ -106,6 +107,12 @@ def rate_table(records: Iterable[Record]) -> Table:
     return table
 
 
+def missing_notes(records: Iterable[Record]) -> list[Text]:
+    """Return a line for each engine that is missing: how to get it."""
+    gone = {record.engine: record.message for record in records if record.status == MISSING}
+    return [Text(f"{name} is missing. {install}", style="yellow") for name, install in gone.items()]
+
+
 def new_table(title: str) -> Table:
     """Return an empty table in the house style."""
     return Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
@@ -145,7 +152,7 @@ def _remark(cold: Record, stepped: Record) -> str:
     """Return the statuses where they are not plain success, and every fallback and message."""
     parts = [] if cold.status in ("ran", "solved") else [cold.status]
     if stepped.status not in ("ran", "solved", cold.status):
-        parts.append(f"warm: {stepped.status}")
+        parts.append(f"warm: {stepped.status}" if stepped.measured else stepped.status)
     parts.extend(f"fell back to {name}" for name in dict.fromkeys((cold.fallbacks, stepped.fallbacks)) if name)
     parts.extend(message for message in dict.fromkeys((cold.message, stepped.message)) if message)
     return "; ".join(parts)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import gpx_lcp as gpx
-from benchmarks.interface import Array, Contacts, Motion, Setting, StepFacts, scientific
+from benchmarks.interface import Array, Contacts, Motion, Setting, StepFacts, SystemAnswer, scientific
 from benchmarks.machine import version_of
 
 # How accurate each solver is asked to be, by (solver, formulation); a name alone stands for its other formulations. An
@@ -78,6 +79,12 @@ class GpxLcp:
         """Put the scene into a `World`."""
         return GpxSimulation(scene, time_step, setting, time_limit)
 
+    def answer(self, system: gpx.StackedSystem, setting: Setting, time_limit: float) -> SystemAnswer:
+        """Call `gpx.solve`."""
+        start = time.perf_counter()
+        solution = gpx.solve(system, setting.formulation, setting.solver, time_limit=time_limit, **setting.options)
+        return SystemAnswer(solution.impulse, time.perf_counter() - start, _facts(solution))
+
     def _setting(
         self, solver: str, formulation: str, label: str, effort: float, tolerance: float, **options: Any
     ) -> Setting:
@@ -117,19 +124,22 @@ class GpxSimulation:
     def facts(self) -> StepFacts:
         """Return what the solution says."""
         solution = self._world.solution
-        if solution is None:
-            return StepFacts()
-        return StepFacts(
-            status=solution.status.name.lower(),
-            method=solution.method,
-            fallbacks=solution.fallbacks,
-            iterations=solution.iterations,
-            setup_seconds=solution.setup_seconds,
-            solve_seconds=solution.solve_seconds,
-        )
+        return StepFacts() if solution is None else _facts(solution)
 
     def close(self) -> None:
         """Nothing to free."""
+
+
+def _facts(solution: gpx.Solution) -> StepFacts:
+    return StepFacts(
+        status=solution.status.name.lower(),
+        method=solution.method,
+        fallbacks=solution.fallbacks,
+        iterations=solution.iterations,
+        factorisations=solution.extras.get("factorisations"),
+        setup_seconds=solution.setup_seconds,
+        solve_seconds=solution.solve_seconds,
+    )
 
 
 def reported(found: gpx.Contacts, impulse: Array) -> Contacts:

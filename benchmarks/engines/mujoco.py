@@ -11,8 +11,9 @@ What MuJoCo 4.0 does behind one's back, and what is done about it here:
 5. A blow-up resets the simulation by itself: turned off, so that it is seen; warnings become the status.
 6. There is no coefficient of restitution: scenes that bounce are refused.
 7. Sleeping is opt-in and stays off. Newton starts from the last acceleration, and at rest ends after 0 or 1 iterations.
-8. The contact points and forces after a step are those that the step solved. The impulses explain its velocities to
-   rounding, friction included (`Measures.unexplained`).
+8. The contact points and forces after a step are those that the step solved. The impulses explain its velocities,
+   friction included, to rounding from PGS, and from Newton and CG, which work on velocities, as far as they converged
+   (`Measures.unexplained`).
 """
 
 from __future__ import annotations

@@ -75,10 +75,7 @@ class Fclib:
 
     def batches(self, asked: argparse.Namespace, folder: Path) -> Sequence[ProblemBatch]:
         """Return a batch for each problem."""
-        if asked.baseline is not None:
-            read_baseline(asked.baseline)  # what is wrong with it is said now, not after the run
-            (folder / BASELINE).mkdir(parents=True, exist_ok=True)
-            shutil.copy(asked.baseline, folder / BASELINE)
+        _keep_baseline(asked.baseline, folder / BASELINE)
         problems = find(asked.data) if asked.data else own_problems()
         names = chosen([problem.name for problem in problems], asked.scene)
         problems = [problem for problem in problems if problem.name in names]
@@ -144,6 +141,18 @@ def lines_of(solvers: Sequence[str] | None, formulations: Sequence[str] | None) 
 def _scores(records: Sequence[Record], folder: Path) -> Scores:
     kept = sorted((folder / BASELINE).glob("*"))
     return Scores(records, read_baseline(kept[0]) if kept else None)
+
+
+def _keep_baseline(path: Path | None, folder: Path) -> None:
+    """Leave a copy of the baseline in the folder, and that of no earlier run; what is wrong with it is said now."""
+    content = None
+    if path is not None:
+        read_baseline(path)
+        content = path.read_bytes()
+    shutil.rmtree(folder, ignore_errors=True)
+    if path is not None and content is not None:
+        folder.mkdir(parents=True)
+        (folder / path.name).write_bytes(content)
 
 
 def _of_baseline(name: str) -> str:

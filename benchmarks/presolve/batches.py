@@ -121,6 +121,7 @@ def _outcome(case: str, world: gpx.World, times: Sequence[float]) -> Outcome:
         contacts=system.contacts,
         steps_asked=len(times),
         iterations=solution.iterations,
+        factorisations=solution.extras.get("factorisations"),
         certificate=solution.certificate,
         reached=solution.status is gpx.Status.SOLVED,
         answer=Answer(system, solution.impulse, solution.method.split("/")[0]),

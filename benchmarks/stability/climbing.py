@@ -25,8 +25,9 @@ import gpx_lcp as gpx
 from benchmarks import engines
 from benchmarks.attempts import COLD, OWN, REFUSED, Answer, Attempt, Figure, Outcome
 from benchmarks.bodies import Bodies
-from benchmarks.interface import Setting
+from benchmarks.interface import Setting, StepFacts
 from benchmarks.measures import measure
+from benchmarks.simulating import of_facts, worst_status
 from benchmarks.stability.modes import Course, Mode, SceneQuestion, SystemQuestion
 from benchmarks.stability.table import MODES
 from formulations import DEFAULT_FACETS
@@ -176,38 +177,29 @@ class Ladder:
 
 
 def solve(mode: Mode, question: SystemQuestion, setting: Setting, time_limit: float) -> Outcome:
-    """Ask a solver of gpx-lcp for a system, from nothing."""
-    start = time.perf_counter()
-    solution = gpx.solve(
-        question.system,
-        setting.formulation,
-        setting.solver,
-        tolerance=setting.options["tolerance"],
-        time_limit=time_limit,
-        **question.settings,
-    )
-    seconds = time.perf_counter() - start
-    program = solution.method.split("/")[0]
-    error = question.error(solution.impulse, solution.velocity)
-    solved = solution.status is gpx.Status.SOLVED
+    """Ask a solver for a system, from nothing."""
+    system, engine = question.system, engines.SYSTEM_ENGINES[setting.engine]
+    asked = replace(setting, options={**setting.options, **question.settings})
+    answer = engine.answer(system, asked, time_limit)
+    facts, impulse = answer.facts, answer.impulse
+    program = facts.method.split("/")[0]
+    error = question.error(impulse, system.velocity(impulse)) if np.isfinite(impulse).all() else math.inf
     # Backends look at their clocks now and then: what is solved soon after the limit counts.
-    late = seconds > (2.0 if solved else 0.9) * time_limit
-    told = Told(solution.status.name.lower(), error, {program}, late)
-    found = judge(mode, told, question.feasible)
-    return Outcome(
-        step_seconds=(seconds,),
-        setup_seconds=solution.setup_seconds,
-        solve_seconds=solution.solve_seconds,
+    late = answer.seconds > (2.0 if facts.status == SOLVED else 0.9) * time_limit
+    told = Told(facts.status, error, {program}, late)
+    outcome = Outcome(
+        step_seconds=(answer.seconds,),
         case=COLD,
-        status=told.status,
-        method=solution.method,
-        fallbacks=solution.fallbacks,
-        contacts=question.system.contacts,
-        iterations=solution.iterations,
-        certificate=solution.certificate,
-        answer=Answer(question.system, solution.impulse, program, DEFAULT_FACETS),
-        figures=_figures(found, error),
+        status=facts.status,
+        method=facts.method,
+        contacts=system.contacts,
+        figures=_figures(judge(mode, told, question.feasible), error),
+        **of_facts([facts]),
     )
+    if not np.isfinite(impulse).all():
+        return outcome
+    certificate = gpx.certify(system, impulse)
+    return replace(outcome, certificate=certificate, answer=Answer(system, impulse, program, DEFAULT_FACETS))
 
 
 def simulate(mode: Mode, question: SceneQuestion, setting: Setting, time_limit: float) -> Outcome:
@@ -217,26 +209,24 @@ def simulate(mode: Mode, question: SceneQuestion, setting: Setting, time_limit: 
     """
     bodies = Bodies.from_scene(question.scene)
     seconds: list[float] = []
-    status = RAN
-    methods: list[str] = []
+    told_of: list[StepFacts] = []
     engine = engines.ENGINES[setting.engine]
     start = time.process_time()
     with closing(engine.simulate(question.scene, question.time_step, setting, time_limit)) as simulation:
         path = [bodies.start.position]
         before = after = simulation.motion()
-        while len(seconds) < question.steps and time.process_time() - start <= time_limit:
+        while len(seconds) < question.steps and (not seconds or time.process_time() - start <= time_limit):
             before = after
             tick = time.perf_counter()
             simulation.step()
             seconds.append(time.perf_counter() - tick)
-            facts = simulation.facts()
-            status = facts.status if status in (RAN, SOLVED) else status
-            methods.append(facts.method)
+            told_of.append(simulation.facts())
             after = simulation.motion()
             path.append(after.position)
             if not all(np.isfinite(part).all() for part in (after.position, after.velocity)):
                 break
         contacts = simulation.contacts()
+    status, methods = worst_status(told_of), [facts.method for facts in told_of]
     outcome = Outcome(
         step_seconds=seconds,
         status=status,
@@ -245,6 +235,7 @@ def simulate(mode: Mode, question: SceneQuestion, setting: Setting, time_limit: 
         contacts=contacts.gap.size,
         steps=len(seconds),
         steps_asked=question.steps,
+        **of_facts(told_of),
     )
     programs = {method.split("/")[0] if setting.engine == OWN else setting.formulation for method in methods}
     whole = len(seconds) == question.steps

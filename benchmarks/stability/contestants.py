@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 import gpx_lcp as gpx
 from benchmarks.attempts import OWN
-from benchmarks.engines import ENGINES, PEERS
+from benchmarks.engines import ENGINES, SYSTEM_ENGINES
 from benchmarks.interface import Setting
 from benchmarks.stability.modes import Mode, SystemQuestion
 
@@ -34,19 +34,19 @@ def formulations(programs: Iterable[str], frictionless: bool) -> list[str]:
     return [name for name in reversed(list(programs)) if (name == FRICTIONLESS) == frictionless]
 
 
-def peer_settings(engine: str) -> Sequence[Setting]:
-    """Return the setting with the most effort of each of a peer's solvers, with the first program that it poses."""
-    found: dict[str, Setting] = {}
+def peer_settings(engine: str) -> list[Setting]:
+    """Return the most careful setting of each of a peer's solvers, with the first program that it poses."""
+    lines: dict[str, list[Setting]] = {}
     for setting in ENGINES[engine].settings(False):
-        known = found.setdefault(setting.solver, setting)
-        if setting.formulation == known.formulation and setting.effort > known.effort:
-            found[setting.solver] = setting
-    return list(found.values())
+        line = lines.setdefault(setting.solver, [])
+        if not line or setting.formulation == line[0].formulation:
+            line.append(setting)
+    return [max(line, key=lambda setting: (setting.careful, setting.effort)) for line in lines.values()]
 
 
-def settings(mode: Mode, peers: Iterable[str]) -> Mapping[str, Sequence[Setting]]:
-    """Return the settings of each engine that is installed; a system is asked of gpx-lcp alone."""
-    found: dict[str, Sequence[Setting]] = {OWN: own_settings(mode)}
-    if isinstance(mode.build(mode.rungs[0]), SystemQuestion):
-        return found
-    return found | {name: peer_settings(name) for name in PEERS if name in set(peers) and ENGINES[name].version()}
+def settings(mode: Mode, names: Sequence[str]) -> list[Setting]:
+    """Return the settings of each engine that can be asked: with a system or, where it simulates, with a scene."""
+    systems = isinstance(mode.build(mode.rungs[0]), SystemQuestion)
+    peers = [name for name in names if name != OWN and not mode.solvers and (not systems or name in SYSTEM_ENGINES)]
+    found = [setting for name in peers for setting in peer_settings(name) if systems or not setting.first_step_only]
+    return [*(own_settings(mode) if OWN in names else []), *found]

@@ -11,8 +11,9 @@ from rich.table import Table
 from rich.text import Text
 
 from benchmarks.arguments import add_filters, chosen, seconds
+from benchmarks.asked import add_peers, engines_asked, missing_peers, wanted
 from benchmarks.attempts import Attempt
-from benchmarks.engines import ENGINES, PEERS
+from benchmarks.engines import ENGINES
 from benchmarks.interface import Setting
 from benchmarks.records import Record
 from benchmarks.stability import contestants
@@ -20,7 +21,7 @@ from benchmarks.stability.breaks import Break, breaks
 from benchmarks.stability.climbing import SILENT, ModeBatch
 from benchmarks.stability.map import SYMBOLS, draw_map
 from benchmarks.stability.table import MODES, QUICK
-from benchmarks.tables import new_table
+from benchmarks.tables import missing_notes, new_table
 
 NAME = "stability"
 RUNG_LIMIT, QUICK_RUNG_LIMIT = 0.5, 0.2
@@ -45,9 +46,7 @@ class Stability:
     def add_arguments(self, parser: argparse.ArgumentParser) -> None:
         """Add the suite's arguments."""
         add_filters(parser)
-        parser.add_argument(
-            "--peer", action="append", choices=[*PEERS, "none"], help="only this peer; 'none' for gpx-lcp alone"
-        )
+        add_peers(parser)
         parser.add_argument(
             "--time-limit", type=seconds, metavar="S", help=f"of a rung ({RUNG_LIMIT:g}; quick: {QUICK_RUNG_LIMIT:g})"
         )
@@ -78,8 +77,7 @@ class Stability:
         for who, counted in counts.items():
             cells = [Text(str(counted[name] or ""), "bold red" if name == SILENT else "") for name in SYMBOLS]
             table.add_row(who, *cells)
-        gone = {record.engine: record.message for record in records if record.status == "missing"}
-        return [table, *(Text(f"{name} is missing. {install}", style="yellow") for name, install in gone.items())]
+        return [table, *missing_notes(records)]
 
     def draw(self, records: Sequence[Record], folder: Path, out: Path, footer: str) -> Sequence[Path]:
         """Draw the map."""
@@ -89,17 +87,12 @@ class Stability:
 
 def _batch(name: str, asked: argparse.Namespace) -> ModeBatch:
     mode = MODES[name]
-    peers = set(PEERS if asked.peer is None else asked.peer)
     run: list[tuple[Attempt, Setting | None]] = [
         (_attempt(name, setting), setting)
-        for settings in contestants.settings(mode, peers).values()
-        for setting in settings
-        if (asked.solver is None or setting.solver in asked.solver)
-        and (asked.formulation is None or setting.formulation in asked.formulation)
+        for setting in wanted(asked, contestants.settings(mode, engines_asked(asked)))
     ]
     if run and asked.solver is None and asked.formulation is None:
-        gone = [engine for engine in PEERS if engine in peers and not ENGINES[engine].version()]
-        run += [(Attempt(NAME, name, "", "", engine=engine), None) for engine in gone]
+        run += [(attempt, None) for attempt in missing_peers(asked, NAME, name)]
     return ModeBatch(
         name,
         [attempt for attempt, _ in run],

@@ -23,7 +23,7 @@ def plot(folders: Sequence[Path], out: Path | None, console: Console) -> int:
     """
     for name, (folder, records) in by_suite(folders).items():
         target = folder if out is None else out / name
-        target.mkdir(parents=True, exist_ok=True)
+        store.make_folder(target)
         paths = SUITES[name].draw(records, folder, target, version_line(records))
         console.print(f"{name}: " + (", ".join(map(str, paths)) or "nothing to draw"), soft_wrap=True)
     return exit_codes.OK

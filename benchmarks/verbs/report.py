@@ -9,7 +9,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import exit_codes
+from benchmarks import exit_codes, store
 from benchmarks.attempts import Suite
 from benchmarks.page import Grid, Part, Picture, Section, as_html, as_markdown, grid
 from benchmarks.records import Record
@@ -58,7 +58,7 @@ def report(folders: Sequence[Path], out: Path, console: Console) -> int:
     for name, (folder, records) in found.items():
         suite = SUITES[name]
         pictures = out / "pictures" / name
-        pictures.mkdir(parents=True, exist_ok=True)
+        store.make_folder(pictures)
         sections.append(_section(suite, records, folder, pictures))
         ends.append(f"{name}. {suite.not_shown.removeprefix('What this does not show: ')}")
     sections.append(Section("What this does not show", ends))

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
 from rich.text import Text
 
+import gpx_lcp as gpx
 from benchmarks import exit_codes, machine, store
-from benchmarks.attempts import Batch, Suite
+from benchmarks.attempts import Attempt, Batch, Suite
 from benchmarks.cluster import measure_on
+from benchmarks.engines import ENGINES
 from benchmarks.measuring import Measured, measure, not_measured
 from benchmarks.pages import Pages
 from benchmarks.records import Record
@@ -51,11 +53,15 @@ def run(suite: Suite, asked: argparse.Namespace, arguments: Sequence[str], conso
         When they name what is not there.
     """
     path: Path = asked.out / suite.name
+    store.make_folder(path)
+    _require_names(suite, asked, path)
     wanted = suite.batches(asked, path)
     if not wanted:
-        console.print("[red]nothing to run:[/] nothing that is installed has such a name and formulation; see `list`.")
+        console.print("[red]nothing to run:[/] no solver that is installed solves such a formulation; see `list`.")
         return exit_codes.REFUSED
     known = store.read(path) if asked.resume and (path / store.ROWS).exists() else []
+    if not asked.resume and (gone := store.clear(path)):
+        console.print(f"[yellow]{gone} rows that were in {path} give way to new ones[/]", soft_wrap=True)
     keys = {attempt.key for batch in wanted for attempt in batch.attempts}
     # An unfinished row that nobody wants is that of a peer which is there by now.
     known = [record for record in known if record.finished or record.attempt_key in keys]
@@ -73,12 +79,45 @@ def run(suite: Suite, asked: argparse.Namespace, arguments: Sequence[str], conso
     for what in shown:
         state.pages.show(what)
     state.pages.write(path / "tables.txt")
-    written = [path / store.ROWS, path / "rows.csv", path / "tables.txt", *suite.draw(records, path, path, footer)]
+    written = [path / store.ROWS, path / store.CSV, path / "tables.txt", *suite.draw(records, path, path, footer)]
     console.print("written: " + ", ".join(map(str, written)), soft_wrap=True)
     if state.interrupted:
         console.print("[yellow]stopped by Ctrl-C: rows that were not measured say so, and --resume measures them.[/]")
         return exit_codes.INTERRUPTED
     return exit_codes.FAILED if any(record.failed for record in records) else exit_codes.OK
+
+
+def _require_names(suite: Suite, asked: argparse.Namespace, path: Path) -> None:
+    """See that each --solver and --formulation is that of an attempt, or of a peer that is missing.
+
+    Raises
+    ------
+    SettingsError
+        When there is none of that name.
+    BackendMissing
+        When the solver is known, and not installed.
+    """
+    filters = {name: given for name in ("solver", "formulation") if (given := getattr(asked, name, None))}
+
+    def attempts(only: Mapping[str, Sequence[str] | None]) -> list[Attempt]:
+        batches = suite.batches(argparse.Namespace(**{**vars(asked), **only}), path)
+        return [attempt for batch in batches for attempt in batch.attempts]
+
+    solvers, unfiltered = gpx.solvers(), dict.fromkeys(filters)
+    gone = [setting for engine in ENGINES.values() if not engine.version() for setting in engine.settings(False)]
+    for option, given in filters.items():
+        for name in given:
+            # With the other filter, which may bring a solver in, or without it, which may be what is wrong.
+            if attempts({option: [name]}) or attempts({**unfiltered, option: [name]}):
+                continue
+            if any(getattr(setting, option) == name for setting in gone):
+                continue
+            if option == "solver" and name in solvers and not solvers[name].installed:
+                raise gpx.BackendMissing(f"{name} is not installed: {solvers[name].install}")
+            known = dict.fromkeys(getattr(attempt, option) for attempt in attempts(unfiltered))
+            raise gpx.SettingsError(
+                f"--{option} is {name}: nothing to run here has that name; there are {', '.join(filter(None, known))}"
+            )
 
 
 def _missing(wanted: Sequence[Batch], known: Sequence[Record]) -> list[Batch]:
@@ -97,7 +136,8 @@ def _measure(state: Run, batches: Sequence[Batch], scheduler: str | None) -> Non
     left = {id(batch): batch for batch in batches}
     with state.pages.progress(sum(len(batch.attempts) * batch.repeats for batch in batches)) as advance:
         try:
-            for batch, measured in measure_on(scheduler, batches, advance) if scheduler else _here(batches, advance):
+            shared = bool(scheduler and batches)
+            for batch, measured in measure_on(scheduler, batches, advance) if shared else _here(batches, advance):
                 state.keep(batch, measured)
                 del left[id(batch)]
                 if measured.interrupted:

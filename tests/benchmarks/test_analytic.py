@@ -35,7 +35,7 @@ def test_newton_meets_every_truth(rows):
 )
 def test_an_end_elsewhere_is_an_error(name):
     """Whatever ends a tenth of a metre away, or a tenth slower, is off by far more than what is accepted above."""
-    case, setting = analytic.CASES[name], analytic.settings()[0]
+    case, setting = analytic.CASES[name], analytic.settings([])[0]
     simulation = ENGINES[OWN].simulate(case.make(), 1 / 240, setting, 10.0)
     start = simulation.motion()
     for _ in range(round(case.seconds * 240)):

@@ -2,10 +2,14 @@
 
 import csv
 import io
+import runpy
+import sys
+from dataclasses import replace
 
 import pytest
 from rich.console import Console
 
+import benchmarks
 import gpx_lcp as gpx
 from benchmarks import cli, exit_codes, stacks
 from benchmarks.engines.pybullet import PyBullet
@@ -97,10 +101,68 @@ def test_a_debug_build_is_refused(tmp_path, monkeypatch):
 
 
 def test_nothing_to_run_is_refused(tmp_path):
-    code, text, rows = run(tmp_path, "--solver", "bogus")
+    code, text, rows = run(tmp_path, "--solver", "osqp", "--formulation", "coulomb")
     assert code == exit_codes.REFUSED
     assert "nothing to run" in text
     assert not rows
+
+
+def test_a_name_that_nothing_has_is_refused_and_one_that_is_right_does_not_hide_it(tmp_path):
+    for wrong in (("--solver", "newtn"), ("--formulation", "cones")):
+        code, text, rows = run(tmp_path, *SMALL, *wrong, "--peer", "none")
+        assert code == exit_codes.USAGE
+        assert f"{wrong[0]} is {wrong[1]}: nothing to run here has that name; there are" in text and not rows
+
+
+def test_a_solver_that_is_not_installed_is_named_with_its_command(tmp_path, monkeypatch):
+    known = gpx.solvers()
+    gone = replace(known["clarabel"], installed=False, install="pip install clarabel")
+    monkeypatch.setattr(gpx, "solvers", lambda: {**known, "clarabel": gone})
+    code, text, rows = run(tmp_path, "--solver", "clarabel", "--peer", "none")
+    assert code == exit_codes.REFUSED
+    assert "clarabel is not installed: pip install clarabel" in text and not rows
+
+
+def test_a_tolerance_that_no_setting_has_is_refused(tmp_path):
+    code, text, _ = run(tmp_path, "--tolerance", "1e-5", "--peer", "none")
+    assert code == exit_codes.USAGE and "--tolerance is 1e-5: no setting asks for it; there are 1e-10," in text
+
+
+def test_a_folder_that_cannot_be_made_is_named(tmp_path):
+    (tmp_path / "file").write_text("")
+    code, text = call("run", "stacks", "--out", str(tmp_path / "file" / "below"), "--quick")
+    assert code == exit_codes.USAGE and "below/stacks cannot be made" in text
+
+
+def test_a_new_run_takes_the_place_of_the_old_one_and_says_so(tmp_path):
+    first = run(tmp_path, *SMALL, "--time-limit", "60", "--peer", "none")
+    assert "give way" not in first[1]
+    kept = len(list((tmp_path / "stacks" / "answers").iterdir()))
+    code, text, rows = run(tmp_path, *SMALL, "--time-limit", "60", "--peer", "none")
+    assert code == exit_codes.OK and f"{len(rows)} rows that were in" in text
+    assert len(list((tmp_path / "stacks" / "answers").iterdir())) == kept
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "words"),
+    [
+        (ModuleNotFoundError("No module named 'rich'", name="rich"), exit_codes.REFUSED, "rich is not installed"),
+        (KeyboardInterrupt(), exit_codes.INTERRUPTED, "stopped by Ctrl-C"),
+    ],
+)
+def test_what_goes_wrong_while_it_loads_is_an_exit_code(monkeypatch, capsys, error, code, words):
+    class Stops:
+        def find_spec(self, name, path=None, target=None):
+            if name == "benchmarks.cli":
+                raise error
+
+    monkeypatch.delitem(sys.modules, "benchmarks.cli", raising=False)
+    monkeypatch.delattr(benchmarks, "cli", raising=False)
+    monkeypatch.setattr(sys, "meta_path", [Stops(), *sys.meta_path])
+    with pytest.raises(SystemExit) as stop:
+        runpy.run_module("benchmarks", run_name="__main__")
+    assert stop.value.code == code
+    assert words in capsys.readouterr().out
 
 
 def test_a_scene_that_is_not_there_is_named(tmp_path):
@@ -139,6 +201,10 @@ def test_an_error_in_an_engine_is_the_exit_code(tmp_path, monkeypatch):
         ("stacks", "--steps", "-1"),
         ("stacks", "--time-limit", "0"),
         ("stacks", "--peer", "bogus"),
+        ("stacks", "--tolerance", "-1"),
+        ("stacks", "--repeats", "many"),
+        ("analytic", "--peer", "bogus"),
+        ("scaling", "--time-limit", "soon"),
         ("fclib", "--repeats", "0"),
         ("fclib", "--tolerance", "0"),
         ("fclib", "--seed", "-1"),

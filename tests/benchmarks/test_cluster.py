@@ -1,6 +1,8 @@
 """The same sweep on a real cluster of processes, also when a worker is killed in the middle."""
 
 import platform
+import sys
+import types
 
 import pytest
 
@@ -54,6 +56,37 @@ def test_a_worker_with_several_threads_takes_no_times():
         pytest.raises(gpx.SettingsError, match="runs 2 tasks at a time"),
     ):
         cluster.require_one_task_at_a_time(client)
+
+
+def test_what_a_worker_cannot_unpack_is_an_error_in_its_rows(tmp_path, address, monkeypatch):
+    ghost = types.ModuleType("ghost")
+    ghost.Ghost = type("Ghost", (), {"__module__": "ghost", "__call__": lambda self, attempt: None})
+    monkeypatch.setitem(sys.modules, "ghost", ghost)
+    assert call(FakeSuite(2, 2, ghost.Ghost()), tmp_path, scheduler=address) == exit_codes.FAILED
+    rows = store.read(tmp_path / "fake")
+    assert [(row.status, row.message) for row in rows] == [
+        ("error", "ModuleNotFoundError: No module named 'ghost'")
+    ] * 4
+
+
+def test_a_worker_without_the_project_is_named():
+    class Client:
+        def run(self, function, on_error):
+            return {"tcp://there:1": ModuleNotFoundError("No module named 'benchmarks'")}
+
+    with pytest.raises(gpx.SettingsError, match=r"tcp://there:1 cannot load the benchmarks .* in a checkout"):
+        cluster.require_project(Client())
+
+
+def test_a_cluster_whose_workers_are_all_gone_is_not_waited_for_for_ever(monkeypatch):
+    monkeypatch.setattr(cluster, "LOOK", 0.05)
+    monkeypatch.setattr(cluster, "PATIENCE", 0.2)
+    with (
+        distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=":0") as empty,
+        distributed.Client(empty) as client,
+        pytest.raises(gpx.BackendMissing, match=r"no worker for 0\.2 s; what was measured is kept"),
+    ):
+        cluster._first_done(client, {client.submit(sum, [1, 2]): None})
 
 
 def test_an_address_where_nobody_answers_is_named(monkeypatch):

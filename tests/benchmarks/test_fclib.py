@@ -132,10 +132,15 @@ def test_a_solver_that_breaks_is_a_row_and_the_exit_code(tmp_path, data, monkeyp
 
 
 @pytest.mark.parametrize("named", [("--solver", "lemke"), ("--solver", "bogus"), ("--formulation", "bogus")])
-def test_where_no_solver_fits_the_run_is_refused(tmp_path, data, named):
+def test_a_name_that_no_attempt_has_is_refused_with_those_that_there_are(tmp_path, data, named):
     code, text, rows = call(tmp_path, "--data", str(data), *named)
-    assert code == exit_codes.REFUSED
-    assert "nothing to run" in text and not rows
+    assert code == exit_codes.USAGE
+    assert f"{named[0]} is {named[1]}: nothing to run here has that name; there are " in text and not rows
+
+
+def test_a_solver_is_known_that_only_another_formulation_brings_in(tmp_path, data):
+    _, _, rows = call(tmp_path, "--data", str(data), "--solver", "osqp", "--formulation", "normal")
+    assert {row["solver"] for row in rows} == {"osqp"}
 
 
 def test_ctrl_c_keeps_what_was_measured_and_names_the_rest(tmp_path, data, monkeypatch, no_charts):

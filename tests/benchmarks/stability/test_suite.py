@@ -62,4 +62,4 @@ def test_it_is_checked_and_reported(folder, tmp_path):
 
 def test_unknown_names_are_refused(tmp_path):
     assert call("run", "stability", "--scene", "bogus", "--out", str(tmp_path))[0] == 2
-    assert call("run", "stability", "--solver", "bogus", "--out", str(tmp_path))[0] == exit_codes.REFUSED
+    assert call("run", "stability", "--solver", "bogus", "--out", str(tmp_path))[0] == exit_codes.USAGE
