@@ -28,7 +28,7 @@ from benchmarks.attempts import COLD, MISSING, OWN, Attempt, Outcome
 from benchmarks.charts import look_of
 from benchmarks.drawing import Entry, draw_legends, label_figure, panel_grid, plain_decades, save, title_panel
 from benchmarks.engines import ENGINES, as_shipped, require_installed
-from benchmarks.interface import Array, Contacts, Motion, Setting
+from benchmarks.interface import Array, Contacts, Motion, Setting, scientific
 from benchmarks.records import Record
 from benchmarks.style import house_style
 from benchmarks.tables import missing_notes, new_table
@@ -295,7 +295,10 @@ def settings(names: Sequence[str]) -> list[Setting]:
     """Return gpx-lcp's exact solver and its sweeps, and each of the named engines as it is shipped."""
     own = [("newton", 1e-10), ("pgs", 1e-6)]
     return [
-        *(Setting(OWN, name, "coulomb", f"tolerance {bound:g}", 0.0, {"tolerance": bound}) for name, bound in own),
+        *(
+            Setting(OWN, name, "coulomb", f"tolerance {scientific(bound)}", 0.0, {"tolerance": bound})
+            for name, bound in own
+        ),
         *as_shipped(names),
     ]
 

@@ -30,6 +30,7 @@ PROGRAM_RESIDUAL = "program_residual"
 
 # What the status of a row may be besides the engine's own word.
 INTERRUPTED, MISSING, REFUSED, ERROR, UNREADABLE = "interrupted", "missing", "refused", "error", "unreadable"
+GAVE_UP, DIVERGED = "gave up", "diverged"
 
 # A figure of a suite's own, a column of its rows.
 Figure: TypeAlias = float | int | bool | str | None
@@ -179,7 +180,8 @@ class Bench(Protocol):
         Raises
         ------
         Exception
-            Of any kind: it becomes the attempt's status, "refused" for a SettingsError and "error" for others.
+            Of any kind: it becomes the attempt's status, "refused" for a SettingsError, "gave up" and "diverged" for
+            what an engine did itself, and "error" for others.
         """
 
 

@@ -119,7 +119,9 @@ def speed_accuracy(
     The paths written; none when no row of this case was measured.
     """
     # A stack that was followed for a few steps only has had no time to drift.
-    drawn = [row for row in rows if row.case == axis.case and row.measured and not row.cut_short]
+    drawn = [
+        row for row in rows if row.scene in titles and row.case == axis.case and row.measured and not row.cut_short
+    ]
     scenes = [scene for scene in titles if any(row.scene == scene for row in drawn)]
     if not scenes:
         return []

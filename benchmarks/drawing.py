@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -14,11 +15,16 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+from matplotlib.transforms import blended_transform_factory
 
 from benchmarks.style import FRONT, INK, QUIET
 
 # Of a figure, inches.
 LEAST_HEIGHT = 6.9
+# How far below the top of the figure the legends begin, inches.
+LEGEND_TOP = 0.85
+# Of the line below the panels, points, and of one of its letters, inches.
+FOOTER_SIZE, FOOTER_LETTER = 11, 0.083
 
 # A line of a legend: what is drawn, and what it means.
 Entry = tuple[Artist, str]
@@ -56,7 +62,7 @@ def panel_grid(
 
 def title_panel(ax: Axes, title: str, size: str) -> None:
     """Write what the panel shows, and on the right how large that is; a long title is set smaller."""
-    ax.set_title(title, fontsize=14.5 * min(1.0, 18 / len(title)))
+    ax.set_title(title, fontsize=14.5 * min(1.0, 16 / len(title)))
     ax.set_title(size, loc="right", fontsize=11.5, fontweight="normal", color=QUIET)
 
 
@@ -65,7 +71,9 @@ def label_figure(figure: Figure, panels: SubFigure, time: str, error: str, headi
     panels.supxlabel(time, color=INK, fontsize=13)
     panels.supylabel(error, color=INK, fontsize=13)
     figure.suptitle(heading, x=0.01, ha="left", fontsize=17, fontweight="bold")
-    figure.text(0.01, -0.012, footer, ha="left", va="top", fontsize=11, color=QUIET)
+    # No longer than the picture is wide, or the picture would grow with it.
+    lines = [textwrap.fill(line, int(figure.get_figwidth() / FOOTER_LETTER)) for line in footer.splitlines()]
+    figure.text(0.01, -0.012, "\n".join(lines), ha="left", va="top", fontsize=FOOTER_SIZE, color=QUIET)
 
 
 def draw_front(ax: Axes, points: Iterable[tuple[float, float]]) -> None:
@@ -104,9 +112,13 @@ def plain_decades(axis: Axis) -> None:
 
 def draw_legends(figure: SubFigure, blocks: Sequence[tuple[str, Sequence[Entry]]]) -> None:
     """Draw blocks of (title, entries) below each other, from the top left; an empty one is left out."""
-    # Each block starts where the one above it ends.
-    inch = 1.0 / figure.get_figure(root=True).get_size_inches()[1]
-    top = 1.0 - 0.55 * inch
+    # Each block starts where the one above it ends, in heights of the whole figure: how much of it the part for the
+    # legend gets is known only when the figure is drawn.
+    root = figure.get_figure(root=True)
+    renderer = FigureCanvasAgg(root).get_renderer()
+    inch = 1.0 / root.get_figheight()
+    place = blended_transform_factory(figure.transSubfigure, root.transFigure)
+    top = 1.0 - LEGEND_TOP * inch
     for title, entries in blocks:
         if not entries:
             continue
@@ -117,12 +129,12 @@ def draw_legends(figure: SubFigure, blocks: Sequence[tuple[str, Sequence[Entry]]
             title=title,
             loc="upper left",
             bbox_to_anchor=(0.0, top),
+            bbox_transform=place,
             alignment="left",
             handlelength=2.0,
         )
         drawn.get_title().set_fontweight("bold")
-        lines = sum(label.count("\n") + 1 for label in labels) + (1.3 if title else 0.0)
-        top -= (0.2 + 0.245 * lines) * inch
+        top -= drawn.get_window_extent(renderer).height / root.dpi * inch
 
 
 def save(figure: Figure, stem: Path) -> list[Path]:

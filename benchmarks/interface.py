@@ -145,6 +145,14 @@ class SystemAnswer:
     facts: StepFacts
 
 
+class GaveUp(Exception):
+    """An engine says by an exception of its own that it cannot make a step: an answer of it, and no error here."""
+
+
+class Diverged(Exception):
+    """What an engine gave is not finite."""
+
+
 class Simulation(Protocol):
     """A scene inside an engine."""
 
@@ -152,7 +160,13 @@ class Simulation(Protocol):
         """Set the acceleration of free fall, (3,), m/s², for the steps to come."""
 
     def step(self) -> None:
-        """Advance by one time step. This call, and nothing else, is timed."""
+        """Advance by one time step. This call, and nothing else, is timed.
+
+        Raises
+        ------
+        GaveUp
+            When the engine itself says that it cannot.
+        """
 
     def motion(self) -> Motion:
         """Return where the moving bodies are now."""

@@ -13,7 +13,7 @@ import scipy.sparse as sp
 
 import gpx_lcp as gpx
 from benchmarks.bodies import Bodies
-from benchmarks.interface import Array, Contacts, Indices, Motion
+from benchmarks.interface import Array, Contacts, Diverged, Indices, Motion
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,16 @@ class Measures:
 
 
 def measure(bodies: Bodies, before: Motion, after: Motion, contacts: Contacts, time_step: float) -> Measures:
-    """Return every measure of the step that led from `before` to `after`."""
+    """Return every measure of the step that led from `before` to `after`.
+
+    Raises
+    ------
+    Diverged
+        When a place, a velocity or an impulse is not finite: there is nothing to measure.
+    """
+    numbers = (before.position, before.velocity, after.position, after.velocity, contacts.impulse, contacts.gap)
+    if not all(np.isfinite(each).all() for each in numbers):
+        raise Diverged("places, velocities or impulses are not finite")
     weight = bodies.mass[:, None] * bodies.gravity
     force = net_force(contacts, bodies.count, time_step)
     gravity = float(np.linalg.norm(bodies.gravity))

@@ -22,8 +22,21 @@ import numpy as np
 import gpx_lcp as gpx
 from benchmarks import machine
 from benchmarks.answers import pack
-from benchmarks.attempts import ERROR, INTERRUPTED, MISSING, REFUSED, UNREADABLE, Answer, Attempt, Batch, Bench, Outcome
-from benchmarks.interface import Array
+from benchmarks.attempts import (
+    DIVERGED,
+    ERROR,
+    GAVE_UP,
+    INTERRUPTED,
+    MISSING,
+    REFUSED,
+    UNREADABLE,
+    Answer,
+    Attempt,
+    Batch,
+    Bench,
+    Outcome,
+)
+from benchmarks.interface import Array, Diverged, GaveUp
 from benchmarks.records import Record, certificate_columns
 
 # The clock's own step, s: nothing is said to take less.
@@ -133,6 +146,10 @@ def failure(error: Exception) -> tuple[str, str]:
         return MISSING, str(error)
     if isinstance(error, gpx.SettingsError):
         return REFUSED, str(error)
+    if isinstance(error, GaveUp):
+        return GAVE_UP, str(error)
+    if isinstance(error, Diverged):
+        return DIVERGED, str(error)
     return ERROR, f"{type(error).__name__}: {error}"
 
 

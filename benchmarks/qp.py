@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 from matplotlib.ticker import PercentFormatter
 from rich.table import Table
 from rich.text import Text
@@ -25,7 +26,7 @@ import gpx_lcp as gpx
 from benchmarks.answers import file_recipe
 from benchmarks.arguments import add_effort, add_filters, add_seed, add_tolerance, chosen
 from benchmarks.attempts import COLD, ERROR, PROGRAM_RESIDUAL, REFUSED, Answer, Attempt, Outcome
-from benchmarks.drawing import draw_legends, label_figure, panel_grid, plain_decades, save, swatch, title_panel
+from benchmarks.drawing import draw_legends, label_figure, panel_grid, plain_decades, save, title_panel
 from benchmarks.fclib.problems import SHAKEN, ProblemFile, find, own_problems, own_system, smallest_of_each_family
 from benchmarks.fclib.profiles import performance_ratios, profile, shifted_mean
 from benchmarks.interface import Array, scientific
@@ -47,6 +48,7 @@ SHIFT = 1e-4
 FARTHEST = 1e5
 # Colours of backends, in the order of the table of solvers.
 MORE = tuple(PALETTE[name] for name in ("vermillion", "purple", "brown", "olive", "wine", "black"))
+DASHES = ("--", "-.", ":")
 
 
 @dataclass(frozen=True)
@@ -249,14 +251,19 @@ def _table(program: str, rows: Sequence[Record]) -> Table:
     return table
 
 
-def _colours(records: Sequence[Record]) -> dict[str, str]:
-    spare = iter(MORE * len(records))
-    return {name: SOLVERS.get(name) or next(spare) for name in dict.fromkeys(row.solver for row in records)}
+def _strokes(records: Sequence[Record]) -> dict[str, dict[str, str]]:
+    """Return how each solver's line is drawn: of colours beyond the solvers' own, dashes tell neighbours apart."""
+    spare = zip(MORE * len(records), DASHES * len(records), strict=False)
+    strokes: dict[str, dict[str, str]] = {}
+    for name in dict.fromkeys(row.solver for row in records):
+        colour, dash = (SOLVERS[name], "-") if name in SOLVERS else next(spare)
+        strokes[name] = {"color": colour, "linestyle": dash}
+    return strokes
 
 
 def _chart(found: Mapping[str, Sequence[Record]], tolerance: float, footer: str, stem: Path) -> list[Path]:
     figure, panels, legend, axes = panel_grid(len(found), 4.6, 4.6)
-    colours = _colours([row for rows in found.values() for row in rows])
+    strokes = _strokes([row for rows in found.values() for row in rows])
     farthest = 10.0
     for ax, (program, rows) in zip(axes, found.items(), strict=True):
         here = [row for row in rows if row.tolerance == tolerance]
@@ -267,7 +274,7 @@ def _chart(found: Mapping[str, Sequence[Record]], tolerance: float, footer: str,
         ratios = performance_ratios(table)
         farthest = max(farthest, float(np.max(ratios, where=np.isfinite(ratios), initial=1.0)))
         for solver, column in zip(solvers, ratios.T, strict=True):
-            _draw_profile(ax, column, colours[solver])
+            _draw_profile(ax, column, strokes[solver])
         title_panel(ax, TITLES[program], f"{len(problems)} problems")
     for ax in axes:
         ax.set_xscale("log")
@@ -275,7 +282,7 @@ def _chart(found: Mapping[str, Sequence[Record]], tolerance: float, footer: str,
         ax.set_ylim(-0.02, 1.03)
         ax.yaxis.set_major_formatter(PercentFormatter(1.0))
         plain_decades(ax.xaxis)
-    draw_legends(legend, [("solver", [(swatch(colour), name) for name, colour in colours.items()])])
+    draw_legends(legend, [("solver", [(Line2D([], [], **stroke), name) for name, stroke in strokes.items()])])
     label_figure(
         figure,
         panels,
@@ -287,6 +294,6 @@ def _chart(found: Mapping[str, Sequence[Record]], tolerance: float, footer: str,
     return save(figure, stem)
 
 
-def _draw_profile(ax: Axes, ratios: Array, colour: str) -> None:
+def _draw_profile(ax: Axes, ratios: Array, stroke: Mapping[str, str]) -> None:
     tau, share = profile(ratios)
-    ax.step([1.0, *tau, FARTHEST], [0.0, *share, share[-1] if share.size else 0.0], where="post", color=colour)
+    ax.step([1.0, *tau, FARTHEST], [0.0, *share, share[-1] if share.size else 0.0], where="post", **stroke)

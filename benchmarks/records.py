@@ -28,8 +28,9 @@ class Record:
         "cold": from nothing. Others are the suite's own, e.g. "stepped": the warm steps after the first.
     status : str
         The solver's own word for the worst step ("ran" where it reports none); or "missing" (the engine), "unreadable"
-        (the file), "refused" (by the solver's own error), "error" (an unexpected exception), "interrupted" (by Ctrl-C;
-        figures are those of the trials until then).
+        (the file), "refused" (by the solver's own error), "gave up" (the engine, by an exception of its own),
+        "diverged" (to what is not finite), "error" (an unexpected exception), "interrupted" (by Ctrl-C; figures are
+        those of the trials until then).
     reached : bool or None
         Whether what was asked for was reached, judged from outside.
     repeats : int

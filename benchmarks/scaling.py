@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
+from matplotlib.patheffects import withStroke
 from rich.table import Table
 from rich.text import Text
 
@@ -32,7 +33,7 @@ from benchmarks.bodies import Bodies
 from benchmarks.charts import Look, look_of
 from benchmarks.drawing import Entry, draw_legends, label_figure, panel_grid, plain_decades, save, title_panel
 from benchmarks.engines import ENGINES, as_shipped, require_installed
-from benchmarks.interface import Setting
+from benchmarks.interface import Setting, scientific
 from benchmarks.measures import measure
 from benchmarks.records import Record
 from benchmarks.simulating import of_facts
@@ -85,7 +86,7 @@ def settings(names: Sequence[str]) -> list[Setting]:
         sweeps, label=f"{SWEEPS} sweeps, {THREADS} threads", options={**sweeps.options, "threads": THREADS}
     )
     newton = Setting(
-        OWN, "newton", "coulomb", f"tolerance {SOLVER_TOLERANCE:.0e}", 8.0, {"tolerance": SOLVER_TOLERANCE}
+        OWN, "newton", "coulomb", f"tolerance {scientific(SOLVER_TOLERANCE)}", 8.0, {"tolerance": SOLVER_TOLERANCE}
     )
     return [sweeps, threaded, newton, *as_shipped(names)]
 
@@ -275,17 +276,18 @@ def _look(rows: Sequence[Record]) -> tuple[Look, str]:
 
 
 def _write_exponents(ax: Axes, lines: Mapping[Line, Sequence[Record]]) -> None:
-    """Write α at the end of each line, moved up where it would cover the one below."""
+    """Write α at the end of each line, moved up where it would cover that of another line of the same length."""
     found = [
         (math.log(rows[-1].step_ms), rows, alpha)
         for rows in lines.values()
         if rows[-1].step_ms and (alpha := exponent(rows)) is not None
     ]
     low, high = map(math.log, ax.get_ylim())
-    lowest = -math.inf
+    lowest: dict[int, float] = {}
     for end, rows, alpha in sorted(found, key=lambda each: each[0]):
-        lowest = max(end, lowest + LINE_OF_TEXT * (high - low))
-        at = (rows[-1].bodies or 0, math.exp(lowest))
+        place = rows[-1].bodies or 0
+        lowest[place] = max(end, lowest.get(place, -math.inf) + LINE_OF_TEXT * (high - low))
+        at = (place, math.exp(lowest[place]))
         ax.annotate(
             f"{alpha:.2f}",
             at,
@@ -294,6 +296,8 @@ def _write_exponents(ax: Axes, lines: Mapping[Line, Sequence[Record]]) -> None:
             va="center",
             fontsize=11,
             color=_look(rows)[0].colour,
+            path_effects=[withStroke(linewidth=3.0, foreground="white")],
+            zorder=6,
         )
 
 
@@ -323,7 +327,7 @@ def _chart(found: Mapping[str, Mapping[Line, Sequence[Record]]], footer: str, st
         _write_exponents(ax, lines)
     blocks = [
         ("", [(handle, label) for label, (handle, _) in entries.items()]),
-        ("α, at the right: time ∝ bodies^α", [(Line2D([], [], linestyle=""), "")]),
+        ("α, at the right:\ntime ∝ bodies$^{α}$", [(Line2D([], [], linestyle=""), "")]),
     ]
     draw_legends(legend, blocks)
     label_figure(figure, panels, "bodies", "wall time of a step, ms", "What a step costs as scenes grow", footer)

@@ -32,7 +32,7 @@ import numpy as np
 import gpx_lcp as gpx
 from benchmarks.bodies import rotation_matrices
 from benchmarks.engines.rebuild import half_space_turn, one_friction, require_shapes
-from benchmarks.interface import Array, Contacts, Motion, Setting, StepFacts, scientific
+from benchmarks.interface import Array, Contacts, GaveUp, Motion, Setting, StepFacts, scientific
 from benchmarks.machine import version_of
 
 FOOT = 0.01  # radius, m
@@ -144,7 +144,10 @@ class DrakeSimulation:
     def step(self) -> None:
         """Advance by one time step."""
         self._steps += 1
-        self._simulator.AdvanceTo(self._steps * self._time_step)
+        try:
+            self._simulator.AdvanceTo(self._steps * self._time_step)
+        except RuntimeError as error:
+            raise GaveUp(str(error).partition("\n")[0]) from error
 
     def motion(self) -> Motion:
         """Return where the moving bodies are now."""
@@ -179,7 +182,7 @@ class DrakeSimulation:
         )
 
     def facts(self) -> StepFacts:
-        """Return what was asked to run; Drake throws where it does not converge."""
+        """Return what was asked to run; a solver that does not converge throws in `step`."""
         return StepFacts(method=self._method)
 
     def close(self) -> None:

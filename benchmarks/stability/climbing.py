@@ -27,6 +27,7 @@ from benchmarks.attempts import COLD, OWN, REFUSED, Answer, Attempt, Figure, Out
 from benchmarks.bodies import Bodies
 from benchmarks.interface import Setting, StepFacts
 from benchmarks.measures import measure
+from benchmarks.measuring import failure
 from benchmarks.simulating import of_facts, worst_status
 from benchmarks.stability.modes import Course, Mode, SceneQuestion, SystemQuestion
 from benchmarks.stability.table import MODES
@@ -172,8 +173,8 @@ class Ladder:
             return Outcome(status=REFUSED, message=str(error), figures=_figures(NOT_ASKED, None))
         except Exception as error:
             # Nothing else may be lost because one solver breaks on one rung; an exception is a word of failure.
-            said = f"{type(error).__name__}: {error}"
-            return Outcome(status="error", message=said, figures=_figures(SAYS_SO, None))
+            status, message = failure(error)
+            return Outcome(status=status, message=message, figures=_figures(SAYS_SO, None))
 
 
 def solve(mode: Mode, question: SystemQuestion, setting: Setting, time_limit: float) -> Outcome:

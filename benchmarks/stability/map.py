@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from benchmarks.attempts import OWN
-from benchmarks.drawing import save
+from benchmarks.drawing import FOOTER_LETTER, FOOTER_SIZE, save
+from benchmarks.engines import ENGINES
 from benchmarks.stability.breaks import Break
 from benchmarks.stability.climbing import DIVERGES, OTHER_LAW, SAYS_SO, SILENT, STANDS, TOO_SLOW
 from benchmarks.stability.contestants import FRICTIONLESS
@@ -46,42 +47,77 @@ Column = tuple[str, str, str]
 
 
 def draw_map(found: Sequence[Break], footer: str, stem: Path) -> list[Path]:
-    """Write stem.png and stem.svg."""
-    columns, modes = columns_of(found), list(dict.fromkeys(one.mode for one in found))
-    cells = {(one.mode, one.engine, one.solver, one.formulation): one for one in found}
+    """Write stem.png and stem.svg: gpx-lcp's solvers above, the peers below, where there are any."""
+    columns = columns_of(found)
+    parts = [
+        Part(title, [column for column in columns if (column[0] == OWN) == own], found)
+        for title, own in (
+            ("gpx-lcp, and the backends that it finds", True),
+            ("Its peers, at their most careful", False),
+        )
+    ]
+    parts = [part for part in parts if part.columns]
     with house_style():
-        # The axes are the cells and nothing else; words lie outside, and the picture is as large as they need.
-        width, height = WIDTH * len(columns), HEIGHT * len(modes)
+        # The axes are cells and nothing else; words lie outside, and the picture is as large as they need.
+        width = WIDTH * max(len(part.columns) for part in parts)
+        height = sum(part.height for part in parts) - parts[0].head
         figure = Figure(figsize=(width, height))
-        ax = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        for row, mode in enumerate(modes):
-            for place, (engine, solver, formulation) in enumerate(columns):
-                posed = FRICTIONLESS if cells_without_friction(mode, found) and engine == OWN else formulation
-                one = cells.get((mode, engine, solver, posed))
-                if one is not None:
-                    _cell(ax, place, row, one)
-        _frame(ax, columns, [next(one for one in found if one.mode == mode) for mode in modes])
-        left, names = -LEFT / width, LETTER * max(len(_words(column)) for column in columns)
+        left, top = -LEFT / width, 1.0
+        for place, part in enumerate(parts):
+            top -= part.head / height if place else 0.0
+            bottom = top - part.cells / height
+            ax = figure.add_axes((0.0, bottom, WIDTH * len(part.columns) / width, part.cells / height))
+            _draw(ax, part)
+            at = top + (part.names + 0.05) / height
+            figure.text(left, at, part.title, fontsize=14, fontweight="bold", va="bottom")
+            top = bottom
+        title = "Where each solver breaks, and how"
+        figure.text(left, 1.0 + (0.55 + parts[0].names) / height, title, fontsize=17, fontweight="bold")
         handles = [Rectangle((0, 0), 1, 1, facecolor=FILL[name]) for name in WORDS]
         entries = [f"{SYMBOLS[name]}  {text}" for name, text in WORDS.items()]
-        ax.legend(
+        figure.legend(
             handles, entries, loc="upper left", bbox_to_anchor=(left, -0.1 / height), ncols=6, fontsize=12,
             borderaxespad=0.0,
         )  # fmt: skip
-        title = "Where each solver breaks, and how"
-        figure.text(left, 1.0 + (0.4 + names) / height, title, fontsize=17, fontweight="bold")
         note = (
             "A cell is the rung on which a solver breaks; the ladder of a failure mode is written beside it. Ladders "
             "without friction pose the program normal, whichever else a column stands for. Empty: not asked."
         )
-        text = "\n".join(textwrap.fill(part, max(100, int((width + LEFT) / 0.083))) for part in (note, footer))
-        figure.text(left, -0.75 / height, text, va="top", fontsize=11, color=QUIET)
+        letters = max(100, int((width + LEFT) / FOOTER_LETTER))
+        text = "\n".join(textwrap.fill(words, letters) for words in (note, footer))
+        figure.text(left, -0.75 / height, text, va="top", fontsize=FOOTER_SIZE, color=QUIET)
         return save(figure, stem)
 
 
-def cells_without_friction(mode: str, found: Sequence[Break]) -> bool:
-    """Whether a mode poses the program `normal`."""
-    return next(one for one in found if one.mode == mode).on_ladder.frictionless
+class Part:
+    """Some of the columns, with the failure modes that any of them was asked.
+
+    Attributes
+    ----------
+    cells, names, head : float, inches
+        Height of the cells, of the columns' names, and of all that stands above the cells.
+    """
+
+    def __init__(self, title: str, columns: Sequence[Column], found: Sequence[Break]) -> None:
+        self.title, self.columns = title, columns
+        engines = {column[0] for column in columns}
+        self.breaks = {(one.mode, one.engine, one.solver, one.formulation): one for one in found}
+        self.modes = list(dict.fromkeys(one.mode for one in found if one.engine in engines))
+        self.ladders = {one.mode: one.on_ladder for one in found}
+        self.cells = HEIGHT * len(self.modes)
+        self.names = LETTER * max((len(_words(column)) for column in columns), default=0)
+        self.head = self.names + 0.7
+
+    @property
+    def height(self) -> float:
+        """Of the part, inches."""
+        return self.head + self.cells
+
+    def at(self, mode: str, column: Column) -> Break | None:
+        """Return where the climb of a column on a ladder ended; of gpx-lcp, maybe with the program `normal`."""
+        engine, solver, formulation = column
+        posed = FRICTIONLESS if self.ladders[mode].frictionless and engine == OWN else formulation
+        return self.breaks.get((mode, engine, solver, posed))
 
 
 def columns_of(found: Sequence[Break]) -> list[Column]:
@@ -89,7 +125,7 @@ def columns_of(found: Sequence[Break]) -> list[Column]:
     every = list(dict.fromkeys((one.engine, one.solver, one.formulation) for one in found))
     rough = {(engine, solver) for engine, solver, formulation in every if formulation != FRICTIONLESS}
     columns = [column for column in every if column[2] != FRICTIONLESS or column[:2] not in rough]
-    engines = list(dict.fromkeys(column[0] for column in columns))
+    engines = list(ENGINES)
     solvers = list(dict.fromkeys(column[:2] for column in columns))
     return sorted(columns, key=lambda column: (engines.index(column[0]), solvers.index(column[:2])))
 
@@ -102,26 +138,29 @@ def _cell(ax: Axes, place: int, row: int, one: Break) -> None:
     ax.text(place, row, text, ha="center", va="center", fontsize=size, color=colour)
 
 
-def _frame(ax: Axes, columns: Sequence[Column], ladders: Sequence[Break]) -> None:
-    ax.set_xlim(-0.55, len(columns) - 0.45)
-    ax.set_ylim(len(ladders) - 0.45, -0.55)
+def _draw(ax: Axes, part: Part) -> None:
+    for row, mode in enumerate(part.modes):
+        for place, column in enumerate(part.columns):
+            if (one := part.at(mode, column)) is not None:
+                _cell(ax, place, row, one)
+    ax.set_xlim(-0.5, len(part.columns) - 0.5)
+    ax.set_ylim(len(part.modes) - 0.5, -0.5)
     ax.grid(visible=False)
     for side in ax.spines.values():
         side.set_visible(False)
     ax.tick_params(length=0)
     ax.xaxis.tick_top()
-    names = [_words(column) for column in columns]
-    ax.set_xticks(range(len(columns)), names, rotation=52, ha="left", rotation_mode="anchor", fontsize=12)
+    names = [_words(column) for column in part.columns]
+    ax.set_xticks(range(len(names)), names, rotation=52, ha="left", rotation_mode="anchor", fontsize=12)
     ax.set_yticks([])
-    for row, one in enumerate(ladders):
-        mode = one.on_ladder
+    for row, mode in enumerate(part.ladders[name] for name in part.modes):
         ladder = f"{mode.code} · {mode.knob} {mode.labels[0]} … {mode.labels[-1]}"
         ax.text(-0.7, row - 0.01, mode.title, ha="right", va="bottom", fontsize=12, color=INK)
         ax.text(-0.7, row + 0.01, ladder, ha="right", va="top", fontsize=9.5, color=QUIET)
-    # Ours and the peers apart.
-    for place in range(1, len(columns)):
-        if (columns[place][0] == OWN) != (columns[place - 1][0] == OWN):
-            ax.axvline(place - 0.5, color=INK, linewidth=1.2)
+    # Engines apart.
+    for place in range(1, len(names)):
+        if part.columns[place][0] != part.columns[place - 1][0]:
+            ax.axvline(place - 0.5, color=QUIET, linewidth=1.0)
 
 
 def _words(column: Column) -> str:

@@ -56,6 +56,7 @@ def test_run_writes_rows_tables_charts_and_answers(tmp_path):
         assert (row["engine"], row["solver"], row["formulation"]) == ("gpx-lcp", "pgs", "coulomb")
         assert row["status"] == "solved"
         assert float(row["load_error"]) < 0.1
+        assert row["setup_seconds"] and row["solve_seconds"] and row["iterations"] and row["peak_memory"]
         assert row["cpu"] and row["gpx_lcp"] and row["build_profile"] == "release" and row["answer"]
     names = {path.name for path in (tmp_path / "stacks").iterdir()}
     charts = {f"{stem}.{kind}" for stem in CHARTS for kind in ("png", "svg")}

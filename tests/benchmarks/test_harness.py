@@ -3,6 +3,7 @@
 import argparse
 import csv
 import io
+from dataclasses import replace
 
 import pyarrow.parquet
 import pytest
@@ -11,6 +12,7 @@ from rich.console import Console
 import gpx_lcp as gpx
 from benchmarks import exit_codes, store
 from benchmarks.answers import Archive
+from benchmarks.interface import Diverged, GaveUp
 from benchmarks.measuring import measure, step_times
 from benchmarks.records import CERTIFICATE
 from benchmarks.verbs.run import run
@@ -144,6 +146,32 @@ def test_a_refusal_is_a_row_and_no_failure(tmp_path):
     assert call(FakeSuite(1, 1, raises(gpx.SettingsError("not with me"))), tmp_path) == exit_codes.OK
     (row,) = store.read(tmp_path / "fake")
     assert (row.status, row.message) == ("refused", "not with me")
+
+
+@pytest.mark.parametrize(("error", "status"), [(GaveUp("no"), "gave up"), (Diverged("far"), "diverged")])
+def test_what_an_engine_says_or_does_itself_is_a_row_and_no_failure(tmp_path, error, status):
+    assert call(FakeSuite(1, 1, raises(error)), tmp_path) == exit_codes.OK
+    (row,) = store.read(tmp_path / "fake")
+    assert (row.status, row.message, row.reached) == (status, str(error), False)
+
+
+def test_what_only_the_first_trial_tells_is_kept_and_counts_for_nothing_where_others_tell(tmp_path):
+    def measured(told):
+        (batch,) = FakeSuite(1, 1).batches(None, tmp_path)
+        bench, trials = batch.open(), iter(told)
+
+        class Tells:
+            def try_once(self, *arguments):
+                (outcome,) = bench.try_once(*arguments)
+                return (replace(outcome, setup_seconds=next(trials)),)
+
+        object.__setattr__(batch, "repeats", len(told))
+        object.__setattr__(batch, "open", Tells)
+        return measure(batch, lambda text: None).records[0].setup_seconds
+
+    assert measured([3.0, None, None]) == 3.0
+    assert measured([9.0, 1.0, 2.0]) == 1.5
+    assert measured([None, None]) is None
 
 
 def test_a_scene_that_cannot_be_built_is_unreadable_in_every_row(tmp_path):

@@ -5,9 +5,9 @@ import pytest
 
 import gpx_lcp as gpx
 from benchmarks.bodies import Bodies
-from benchmarks.engines import ENGINES, PEERS
+from benchmarks.engines import ENGINES, PEERS, SYSTEM_ENGINES
 from benchmarks.engines.rebuild import box_of, one_friction
-from benchmarks.interface import Setting
+from benchmarks.interface import Diverged, GaveUp, Setting
 from benchmarks.measures import Measures, measure
 from benchmarks.stacks import pressed, swinging_gravity
 
@@ -139,6 +139,49 @@ def test_pinocchio_solves_our_system(solver):
     assert setting.first_step_only
     with pytest.raises(gpx.SettingsError, match="first step alone"):
         ENGINES["pinocchio"].simulate(gpx.scenes.tower(1), DT, setting, 1.0).set_gravity(np.zeros(3))
+
+
+@pytest.mark.parametrize("solver", ["ADMM", "PGS"])
+def test_pinocchio_solves_systems_of_fewer_rows(solver):
+    needs("pinocchio")
+    setting = next(s for s in reversed(ENGINES["pinocchio"].settings(False)) if s.solver == solver)
+    # A point mass that slides in a plane: normal impulse m g dt, friction against the sliding.
+    planar = gpx.StackedSystem(np.eye(2) / 2.0, [0.1, -3.0], [0.5])
+    answer = SYSTEM_ENGINES["pinocchio"].answer(planar, setting, 1.0)
+    np.testing.assert_allclose(answer.impulse, [[0.2, -0.1]], atol=1e-3 if solver == "PGS" else 1e-8)
+    assert (answer.facts.status, answer.facts.method) == ("solved", f"coulomb/{solver}")
+    if solver == "ADMM":  # PGS ends after a sweep where there is no friction
+        column = gpx.World(gpx.scenes.column(3), DT).system()
+        answer = SYSTEM_ENGINES["pinocchio"].answer(column, setting, 1.0)
+        np.testing.assert_allclose(answer.impulse[:, 0], 9.81 * DT * np.array([3.0, 2.0, 1.0]), rtol=1e-7)
+
+
+def test_pinocchio_is_not_asked_what_crashes_it():
+    needs("pinocchio")
+    falling = gpx.Scene()
+    falling.add_rigid(gpx.Sphere(0.5), 1.0)
+    with pytest.raises(gpx.SettingsError, match="no contacts"):
+        ENGINES["pinocchio"].simulate(falling, DT, stiff("pinocchio"), 1.0)
+
+
+def test_drake_gives_up_in_words_of_its_own():
+    needs("drake")
+    setting = next(s for s in ENGINES["drake"].settings(False) if (s.solver, s.label) == ("SAP", "1e14 N/m"))
+    scene = gpx.Scene()
+    scene.add_static(gpx.HalfSpace())
+    scene.add_rigid(gpx.Box(1, 1, 1), 1.0, position=(0, 0, 0.49))
+    with pytest.raises(GaveUp, match="did not converge"):
+        follow("drake", scene, 120, setting)
+
+
+def test_what_is_not_finite_is_not_measured():
+    bodies = Bodies.from_scene(gpx.scenes.tower(2))
+    simulation = ENGINES["gpx-lcp"].simulate(gpx.scenes.tower(2), DT, ENGINES["gpx-lcp"].settings(True)[0], 1.0)
+    simulation.step()
+    contacts, start = simulation.contacts(), bodies.start
+    contacts.impulse[0, 0] = np.nan
+    with pytest.raises(Diverged, match="not finite"):
+        measure(bodies, start, start, contacts, DT)
 
 
 def test_too_large_a_scene_is_refused_where_a_step_would_not_end():

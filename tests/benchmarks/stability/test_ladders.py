@@ -9,7 +9,7 @@ import pytest
 import benchmarks.stability
 import gpx_lcp as gpx
 from benchmarks.attempts import OWN, Attempt
-from benchmarks.engines import ENGINES
+from benchmarks.engines import ENGINES, PEERS
 from benchmarks.interface import Setting
 from benchmarks.stability import contestants
 from benchmarks.stability.climbing import DIVERGES, NOT_ASKED, SILENT, STANDS, ModeBatch
@@ -108,6 +108,26 @@ def test_no_solver_of_our_own_is_wrong_in_silence_on_a_scene(name):
     for solver in ("newton", "interior_point", "pgs"):
         outcomes = climb(name, Setting(OWN, solver, program, "", 0.0, {"tolerance": 1e-8}), 2, 0.5)
         assert not {SILENT, DIVERGES} & set(outcomes), solver
+
+
+def test_peers_are_asked_what_they_can_be_asked_with_one_setting_for_each_solver():
+    names = [OWN, *PEERS]
+    for name, mode in MODES.items():
+        settings = contestants.settings(mode, names)
+        peers = [setting for setting in settings if setting.engine != OWN]
+        assert len({(setting.engine, setting.solver) for setting in peers}) == len(peers)
+        if mode.solvers:
+            assert not peers
+        elif name in SYSTEMS:
+            assert {(setting.engine, setting.label) for setting in peers} == {
+                ("pinocchio", "tolerance 1e-8"),
+                ("pinocchio", "tolerance 1e-6"),
+            }
+        else:
+            assert {setting.engine for setting in peers} == {*PEERS} - {"pinocchio"}
+            assert {s.label for s in peers if s.engine == "drake"} == {"1e10 N/m"}
+            assert {s.label for s in peers if s.solver == "SI"} == {"3000 sweeps"}
+    assert contestants.settings(MODES["tower"], ["drake"])[0].engine == "drake"
 
 
 @pytest.mark.slow
