@@ -24,10 +24,11 @@ compare: setup
 LADDERS := stability fclib qp presolve scaling analytic kernels
 WHOLE := impacts overhead
 
-# Every suite, and one page about all of them: results/report.html. ARGUMENTS=--quick makes it minutes instead of an hour.
+# Every suite, and one page about all of them: results/report.html. ARGUMENTS=--quick makes it three minutes instead of a
+# quarter of an hour. A suite with an attempt that ended in an error (exit code 1) is in the page, too.
 report: compare
-	for suite in $(LADDERS); do $(BIN)/python -m benchmarks run $$suite $(ARGUMENTS) || exit $$?; done
-	for suite in $(WHOLE); do $(BIN)/python -m benchmarks run $$suite || exit $$?; done
+	for suite in $(LADDERS); do $(BIN)/python -m benchmarks run $$suite $(ARGUMENTS) || [ $$? -eq 1 ] || exit 1; done
+	for suite in $(WHOLE); do $(BIN)/python -m benchmarks run $$suite || [ $$? -eq 1 ] || exit 1; done
 	$(BIN)/python -m benchmarks check $(addprefix results/,stacks stability fclib qp impacts presolve scaling)
 	$(BIN)/python -m benchmarks report $(addprefix results/,stacks $(LADDERS) $(WHOLE))
 

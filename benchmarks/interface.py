@@ -146,7 +146,7 @@ class SystemAnswer:
 
 
 class GaveUp(Exception):
-    """An engine says by an exception of its own that it cannot make a step: an answer of it, and no error here."""
+    """An engine says that it cannot make a step, or not what it did in it: an answer of it, and no error here."""
 
 
 class Diverged(Exception):
@@ -172,7 +172,13 @@ class Simulation(Protocol):
         """Return where the moving bodies are now."""
 
     def contacts(self) -> Contacts:
-        """Return the contacts and impulses of the last step."""
+        """Return the contacts and impulses of the last step.
+
+        Raises
+        ------
+        GaveUp
+            When the engine tells them in part only.
+        """
 
     def facts(self) -> StepFacts:
         """Return what the engine says about the last step."""

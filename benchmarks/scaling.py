@@ -33,8 +33,9 @@ from benchmarks.bodies import Bodies
 from benchmarks.charts import Look, look_of
 from benchmarks.drawing import Entry, draw_legends, label_figure, panel_grid, plain_decades, save, title_panel
 from benchmarks.engines import ENGINES, as_shipped, require_installed
-from benchmarks.interface import Setting, scientific
+from benchmarks.interface import Diverged, GaveUp, Setting, scientific
 from benchmarks.measures import measure
+from benchmarks.measuring import failure
 from benchmarks.records import Record
 from benchmarks.simulating import of_facts
 from benchmarks.style import house_style
@@ -143,8 +144,13 @@ class ScalingBench:
                 return [replace(outcome, status="time limit", message=message, again=False)]
             if before is None:
                 return [outcome]
-            contacts, facts = simulation.contacts(), simulation.facts()
-            judged = measure(self._bodies, before, simulation.motion(), contacts, stacks.TIME_STEP)
+            try:
+                contacts, facts = simulation.contacts(), simulation.facts()
+                judged = measure(self._bodies, before, simulation.motion(), contacts, stacks.TIME_STEP)
+            except (GaveUp, Diverged) as error:
+                # Its times are measured all the same.
+                status, message = failure(error)
+                return [replace(outcome, status=status, message=message)]
         certificate = judged.certificate
         return [
             replace(

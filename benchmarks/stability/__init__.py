@@ -25,7 +25,7 @@ F18   restitution at rest                       `elastic-rest`
 F19   restitution corner by corner              `small-base`
 F20   bounces that gain or lose height          `bouncing`
 F21   overlap that pops                         `overlap`
-F22   drift, and long time steps                `time-step`
+F22   drift, and steps of other lengths         `time-step`, `short-step`
 F23   arch, house of cards                      `arch`, `cards`
 F24   fake solutions of interior points         `coupled`, `random`; the problem that it was seen on is not at hand
 F25   residual with units                       `units`

@@ -129,7 +129,10 @@ MODES: Mapping[str, Mode] = {
         lambda elasticity: resting(elastic_tower(elasticity)), "nothing bounces", RULE,
     ),
     "time-step": Mode(
-        "F22", "tower of 5, longer steps", "steps per second", (1e4, 2000, 1000, 240, 120, 60, 30),
+        "F22", "tower of 5, longer steps", "steps per second", (480, 240, 120, 60, 30), stepped, AT_REST, RULE,
+    ),
+    "short-step": Mode(
+        "F22", "tower of 5, shorter steps", "steps per second", (240, 500, 1000, 2000, 5000, 1e4),
         stepped, AT_REST, RULE,
     ),
     "arch": Mode(

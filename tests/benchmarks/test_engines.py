@@ -1,6 +1,7 @@
 """Every engine on a tower of two cubes, judged by the same measures."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,8 +9,9 @@ import pytest
 import gpx_lcp as gpx
 from benchmarks.bodies import Bodies
 from benchmarks.engines import ENGINES
+from benchmarks.engines import pybullet as pybullet_module
 from benchmarks.engines.pybullet import FAIR, PyBullet
-from benchmarks.interface import Setting
+from benchmarks.interface import GaveUp, Setting
 from benchmarks.measures import Measures, measure
 
 DT = 1 / 240
@@ -79,6 +81,20 @@ def test_pybullet_tells_that_dantzig_without_regularisation_fell_back():
     _, facts = first_step(ENGINES["pybullet"], gpx.scenes.tower(2), bullet("MLCP-Dantzig", 3, sweeps=50))
     assert facts.fallbacks == ("SI",)
     assert facts.method == "SI"
+
+
+@needs_pybullet
+def test_pybullet_that_tells_some_of_its_contacts_alone_is_not_judged(monkeypatch):
+    simulation = ENGINES["pybullet"].simulate(gpx.scenes.tower(2), DT, bullet("SI", 1), 1.0)
+    simulation.step()
+    real = pybullet_module._load()
+    points = real.getContactPoints(physicsClientId=simulation._server)
+    nothing = (0, 0, 0, -1, -1, *[(0.0, 0.0, 0.0)] * 3, 0.0, 0.0, 0.0, (0.0, 0.0, 0.0), 0.0, (0.0, 0.0, 0.0))
+    monkeypatch.setattr(simulation, "_api", SimpleNamespace(getContactPoints=lambda **_: [*points, nothing]))
+    with pytest.raises(GaveUp, match="tells 8 of 9 contacts"):
+        simulation.contacts()
+    monkeypatch.undo()
+    simulation.close()
 
 
 @needs_pybullet
