@@ -110,8 +110,6 @@ def ensemble(
         raise SettingsError(f"workers is {workers!r}: it must be a whole number of at least 1")
     members = [dict(zip(values, chosen, strict=True)) for chosen in itertools.product(*values.values())]
     task = _Task(make, steps, time_step, observe, settings)
-    if scheduler is not None or count > 1:
-        _require_picklable(task)
     rows = [row for batch in _run(task, members, count, scheduler) for row in batch]
     return _table(values, members, rows)
 
@@ -182,14 +180,15 @@ def _run(
         return
     size = max(1, -(-len(members) // (BATCHES_PER_WORKER * count)))
     batches = [members[first : first + size] for first in range(0, len(members), size)]
+    packed = [_packed(task)] * len(batches)
     if scheduler is not None:
         with _client(scheduler) as client:
-            yield from client.gather(client.map(task, batches, pure=False))
+            yield from client.gather(client.map(_unpack_and_run, packed, batches, pure=False))
         return
     # Spawned, not forked: a fork copies locks that other threads hold.
     with ProcessPoolExecutor(min(count, len(batches) or 1), mp_context=get_context("spawn")) as pool:
         try:
-            yield from pool.map(task, batches)
+            yield from pool.map(_unpack_and_run, packed, batches)
         except BrokenProcessPool as error:
             raise BackendError("a process of the ensemble was killed: is there memory for so many workers?") from error
 
@@ -216,7 +215,7 @@ def _client(scheduler: str) -> Iterator[Any]:
         yield client
 
 
-def _require_picklable(task: _Task) -> None:
+def _packed(task: _Task) -> bytes:
     for name, value in (("make", task.make), ("observe", task.observe), ("settings", task.settings)):
         try:
             pickle.dumps(value)
@@ -224,6 +223,22 @@ def _require_picklable(task: _Task) -> None:
             raise SettingsError(
                 f"{name} cannot be sent to a process ({error}): define it at the top of a module, or set workers=1"
             ) from error
+    return pickle.dumps(task)
+
+
+def _unpack_and_run(packed: bytes, members: Sequence[Mapping[str, Value]]) -> list[dict[str, Value]]:
+    """Run a task in another process, to which it comes as bytes: one that cannot be unpacked is an error of its own.
+
+    A worker of Dask that cannot unpack an object by itself is lost with its connection, and never heard of again.
+    """
+    try:
+        task: _Task = pickle.loads(packed)
+    except Exception as error:
+        raise SettingsError(
+            f"make or observe cannot be loaded in the process that is to run it ({error}): define it in a module that "
+            "is there, too, or set workers=1"
+        ) from error
+    return task(members)
 
 
 def _table(

@@ -1,5 +1,8 @@
 """Ensembles: the same table however the members are shared out, and failures as rows."""
 
+import sys
+import types
+
 import numpy as np
 import pytest
 
@@ -111,6 +114,16 @@ def test_a_wrong_setting_is_named(arguments, message):
     asked = {"make": gpx.scenes.tower, "parameters": {"n": [1]}, "workers": 1, **arguments}
     with pytest.raises(gpx.SettingsError, match=message):
         gpx.ensemble(asked.pop("make"), asked.pop("parameters"), **asked)
+
+
+def test_what_the_other_process_does_not_have_is_named(monkeypatch):
+    pytest.importorskip("distributed", reason="distributed is not installed")
+    ghost = types.ModuleType("ghost")
+    exec("def make(n): pass", ghost.__dict__)
+    monkeypatch.setitem(sys.modules, "ghost", ghost)
+    for where in ({"workers": 2}, {"scheduler": "local"}):
+        with pytest.raises(gpx.SettingsError, match=r"cannot be loaded in the process .*No module named 'ghost'"):
+            gpx.ensemble(ghost.make, {"n": [1, 2]}, **where)
 
 
 def test_a_cluster_needs_distributed_and_an_address_that_answers(monkeypatch):
