@@ -29,7 +29,7 @@ WHOLE := impacts overhead
 report: compare
 	for suite in $(LADDERS); do $(BIN)/python -m benchmarks run $$suite $(ARGUMENTS) || [ $$? -eq 1 ] || exit 1; done
 	for suite in $(WHOLE); do $(BIN)/python -m benchmarks run $$suite || [ $$? -eq 1 ] || exit 1; done
-	$(BIN)/python -m benchmarks check $(addprefix results/,stacks stability fclib qp impacts presolve scaling)
+	$(BIN)/python -m benchmarks check $(addprefix results/,stacks stability analytic fclib qp impacts presolve scaling)
 	$(BIN)/python -m benchmarks report $(addprefix results/,stacks $(LADDERS) $(WHOLE))
 
 # The pictures of README.md, from results/stacks and results/stability: `make report` writes both.

@@ -28,6 +28,7 @@ def test_newton_meets_every_truth(rows):
     assert [row.scene for row in rows] == list(analytic.CASES)
     for row in rows:
         assert row.figure("error") <= OF_FIRST_ORDER.get(row.scene, 1e-9), row.scene
+        assert row.natural_map <= 1e-9 and row.answer, row.scene
 
 
 @pytest.mark.parametrize(
