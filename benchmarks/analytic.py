@@ -171,17 +171,18 @@ class Analytic:
 
     def tables(self, records: Sequence[Record], folder: Path) -> Sequence[Table | Text]:
         """Return the errors at each time step, a line for each case."""
-        rates = sorted({row.effort for row in records if row.status != MISSING})
+        known = [row for row in records if row.scene in CASES]
+        rates = sorted({row.effort for row in known if row.status != MISSING})
         refused = {f"{row.engine}: {row.message}" for row in records if row.status == "refused"}
         return [
-            *(_table_at(rate, records) for rate in rates),
+            *(_table_at(rate, known) for rate in rates),
             *(Text(text, style="yellow") for text in sorted(refused)),
             *missing_notes(records),
         ]
 
     def draw(self, records: Sequence[Record], folder: Path, out: Path, footer: str) -> Sequence[Path]:
         """Draw error over time per simulated second, a panel for each case."""
-        shown = [row for row in records if row.measured and row.figure("error") is not None]
+        shown = [row for row in records if row.scene in CASES and row.figure("error") is not None]
         if not shown:
             return []
         with house_style():

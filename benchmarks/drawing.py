@@ -62,7 +62,7 @@ def panel_grid(
 
 def title_panel(ax: Axes, title: str, size: str) -> None:
     """Write what the panel shows, and on the right how large that is; a long title is set smaller."""
-    ax.set_title(title, fontsize=14.5 * min(1.0, 16 / len(title)))
+    ax.set_title(title, fontsize=14.5 * min(1.0, 16 / max(1, len(title))))
     ax.set_title(size, loc="right", fontsize=11.5, fontweight="normal", color=QUIET)
 
 
@@ -71,9 +71,13 @@ def label_figure(figure: Figure, panels: SubFigure, time: str, error: str, headi
     panels.supxlabel(time, color=INK, fontsize=13)
     panels.supylabel(error, color=INK, fontsize=13)
     figure.suptitle(heading, x=0.01, ha="left", fontsize=17, fontweight="bold")
-    # No longer than the picture is wide, or the picture would grow with it.
-    lines = [textwrap.fill(line, int(figure.get_figwidth() / FOOTER_LETTER)) for line in footer.splitlines()]
-    figure.text(0.01, -0.012, "\n".join(lines), ha="left", va="top", fontsize=FOOTER_SIZE, color=QUIET)
+    text = wrapped(footer, figure.get_figwidth())
+    figure.text(0.01, -0.012, text, ha="left", va="top", fontsize=FOOTER_SIZE, color=QUIET)
+
+
+def wrapped(footer: str, inches: float) -> str:
+    """Return the footer in lines no longer than the picture is wide, or the picture would grow with them."""
+    return "\n".join(textwrap.fill(line, max(60, int(inches / FOOTER_LETTER))) for line in footer.splitlines())
 
 
 def draw_front(ax: Axes, points: Iterable[tuple[float, float]]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ from matplotlib.patches import Polygon
 import gpx_lcp as gpx
 from benchmarks import stacks
 from benchmarks.bodies import Bodies, rotation_matrices
-from benchmarks.drawing import draw_legends, panel_grid, save, swatch, title_panel
+from benchmarks.drawing import draw_legends, panel_grid, save, swatch, title_panel, wrapped
 from benchmarks.interface import Array
 from benchmarks.measures import layers
 from benchmarks.style import INK, PALETTE, QUIET, house_style
@@ -52,7 +51,7 @@ def force_chart(scenes: tuple[str, ...], footer: str, stem: Path) -> list[Path]:
             "An arrow is the force of one contact on the body above it; contacts behind each other are drawn as their "
             "sum. Numbers: vertical force through the interface / weight above it."
         )
-        text = "\n".join(textwrap.fill(part, int(width / 0.083)) for part in (note, footer))
+        text = wrapped(f"{note}\n{footer}", width)
         figure.text(0.01, -0.012, text, ha="left", va="top", fontsize=11, color=QUIET)
         draw_legends(legend, [("", [(swatch(FORCE), "contact force;\nthe longest arrow of\na panel is its largest")])])
         return save(figure, stem)

@@ -225,7 +225,7 @@ class Kernels:
 
     def tables(self, records: Sequence[Record], folder: Path) -> Sequence[Table | Text]:
         """Return the machine's rates, and each kernel beside its bound."""
-        rates = {row.scene: row.step_seconds for row in records if row.solver == MACHINE and row.step_seconds}
+        rates = _rates(records)
         machine = new_table("What this machine gives one thread")
         machine.add_column("")
         machine.add_column("", justify="right")
@@ -250,14 +250,19 @@ class Kernels:
         found = loops(records)
         if not found:
             return []
-        rates = {row.scene: row.step_seconds for row in records if row.solver == MACHINE and row.step_seconds}
         with house_style():
-            return _chart(found, rates, footer, out / "kernels")
+            return _chart(found, _rates(records), footer, out / "kernels")
 
 
 def loops(records: Sequence[Record]) -> list[Record]:
     """Return the measured rows that are not the machine's own."""
-    return [row for row in records if row.measured and row.solver != MACHINE]
+    return [row for row in records if row.measured and row.scene in KERNELS and row.solver != MACHINE]
+
+
+def _rates(records: Sequence[Record]) -> dict[str, float]:
+    """Return seconds per byte and per operation as the machine has them, by kernel."""
+    own = [row for row in records if row.scene in KERNELS and row.solver == MACHINE]
+    return {row.scene: row.step_seconds for row in own if row.step_seconds}
 
 
 def bound(row: Record, rates: Mapping[str, float]) -> tuple[float, str] | None:

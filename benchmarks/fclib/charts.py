@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite
@@ -142,7 +141,7 @@ def profile_chart(scores: Scores, tolerance: float, footer: str, stem: Path) -> 
             "solve time / that of the fastest solver on the problem",
             "share of the problems solved within it",
             heading,
-            wrapped(footer, figure.get_size_inches()[0]),
+            footer,
         )
         others = len({curve.label for panel in panels for curve in panel.peers} - set(named))
         entries: list[Entry] = [(_dashed(colour), label) for label, colour in named.items()]
@@ -206,7 +205,7 @@ def accuracy_chart(scores: Scores, footer: str, stem: Path) -> list[Path]:
             "solve time, ms",
             "natural map of the certificate",
             "Time against accuracy, on the largest problem of each family",
-            wrapped(footer, figure.get_size_inches()[0]),
+            footer,
         )
         marks: list[Entry] = [
             (Line2D([], [], color=QUIET, marker="o", linestyle=""), "tolerance held"),
@@ -273,8 +272,3 @@ def _hollow(colour: str) -> Line2D:
 
 def _dashed(colour: str, width: float = 1.6) -> Line2D:
     return Line2D([], [], color=colour, linestyle="--", linewidth=width)
-
-
-def wrapped(text: str, inches: float) -> str:
-    """Return the footer broken into lines that are as wide as the figure."""
-    return "\n".join(textwrap.fill(part, int(inches / 0.083)) for part in text.split("\n"))

@@ -10,7 +10,7 @@ from benchmarks import store
 from benchmarks.answers import Archive
 from benchmarks.drawing import draw_legends, label_figure, log_axes, panel_grid, save, swatch, title_panel
 from benchmarks.fclib.batches import Line
-from benchmarks.fclib.charts import CEILING, FLOOR, PANELS, colours, wrapped
+from benchmarks.fclib.charts import CEILING, FLOOR, PANELS, colours
 from benchmarks.fclib.scores import Scores
 from benchmarks.interface import Array, scientific
 from benchmarks.style import house_style
@@ -64,7 +64,7 @@ def convergence_chart(scores: Scores, told: Histories, footer: str, stem: Path) 
             "iterations: sweeps of pgs, steps of the others",
             "residual of the program",
             f"Convergence to {scientific(scores.tolerances[-1])}, on the largest problem of each family",
-            wrapped(footer, figure.get_size_inches()[0]),
+            footer,
         )
         drawn = {line.label for _, line in told}
         draw_legends(legend, [("gpx-lcp", [(swatch(own[label]), label) for label in own if label in drawn])])

@@ -162,7 +162,8 @@ def _laws(records: Sequence[Record]) -> list[str]:
 
 def _by_case(records: Sequence[Record]) -> dict[str, dict[str, Record]]:
     rows: dict[str, dict[str, Record]] = {}
-    for record in sorted(records, key=lambda record: list(CASES).index(record.scene)):
+    known = [record for record in records if record.scene in CASES]
+    for record in sorted(known, key=lambda record: list(CASES).index(record.scene)):
         rows.setdefault(record.scene, {})[record.solver] = record
     return rows
 

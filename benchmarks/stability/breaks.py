@@ -52,10 +52,14 @@ class Break:
 
 
 def breaks(records: Sequence[Record]) -> list[Break]:
-    """Return a break for each attempt that was made, in the order of the table of modes and of the rows."""
+    """Return a break for each attempt that was made, in the order of the table of modes and of the rows.
+
+    Rungs that this version does not have are left out.
+    """
     climbs: dict[tuple[str, ...], list[Record]] = {}
     for record in records:
-        if "outcome" in record.figures:
+        here = record.scene in MODES and record.case in MODES[record.scene].labels
+        if here and "outcome" in record.figures:
             climbs.setdefault(record.attempt_key, []).append(record)
     order = {name: place for place, name in enumerate(MODES)}
     ends = [_end(sorted(rungs, key=_place)) for rungs in climbs.values()]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
@@ -12,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from benchmarks.attempts import OWN
-from benchmarks.drawing import FOOTER_LETTER, FOOTER_SIZE, save
+from benchmarks.drawing import FOOTER_SIZE, save, wrapped
 from benchmarks.engines import ENGINES
 from benchmarks.stability.breaks import Break
 from benchmarks.stability.climbing import DIVERGES, OTHER_LAW, SAYS_SO, SILENT, STANDS, TOO_SLOW
@@ -83,8 +82,7 @@ def draw_map(found: Sequence[Break], footer: str, stem: Path) -> list[Path]:
             "A cell is the rung on which a solver breaks; the ladder of a failure mode is written beside it. Ladders "
             "without friction pose the program normal, whichever else a column stands for. Empty: not asked."
         )
-        letters = max(100, int((width + LEFT) / FOOTER_LETTER))
-        text = "\n".join(textwrap.fill(words, letters) for words in (note, footer))
+        text = wrapped(f"{note}\n{footer}", width + LEFT)
         figure.text(left, -0.75 / height, text, va="top", fontsize=FOOTER_SIZE, color=QUIET)
         return save(figure, stem)
 

@@ -12,6 +12,7 @@ from rich.table import Table
 
 from benchmarks import cli, exit_codes, store
 from benchmarks.page import Grid, Picture, Section, as_html, as_markdown, grid
+from benchmarks.suites import SUITES
 from tests.benchmarks.make_record import record
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
@@ -117,6 +118,20 @@ def test_a_page_fits_a_narrow_screen(folder, browser):
     browser.set_window_size(500, 900)
     browser.get((folder / "report.html").as_uri())
     assert browser.execute_script("return document.documentElement.scrollWidth <= window.innerWidth")
+
+
+@pytest.mark.parametrize("suite", list(SUITES))
+def test_rows_of_a_scene_that_this_version_does_not_have_are_listed_and_not_drawn(tmp_path, suite):
+    where = {"host": "here", "gpx_lcp": "1", "build_profile": "release", "revision": "", "python": "3"}
+    where |= {"numpy": "2", "cpu": "a CPU", "threads": "1"}
+    known = {"suite": suite, "tolerance": 1e-6, "steps": 1, "steps_asked": 1, "bodies": 3, "where": where}
+    figures = {"error": 1.0, "outcome": "stands", "shown": "1", "program_residual": 1e-9, "bias": 0.0, "share": 0.0}
+    rows = [record(scene="of another time", step_ms=1.0, natural_map=1e-9, **known, **figures)]
+    rows.append(record(scene=next(iter(SUITES[suite].scenes())), case="nowhere", status="error", **known))
+    store.Folder(tmp_path / suite, rows).write()
+    code = cli.main(["report", str(tmp_path / suite), "--out", str(tmp_path)], Console(file=io.StringIO()))
+    assert code == exit_codes.OK
+    assert "of another time" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
 def test_a_terminals_table_becomes_plain_text():
