@@ -24,8 +24,8 @@ compare: setup
 LADDERS := stability fclib qp presolve scaling analytic kernels
 WHOLE := impacts overhead
 
-# Every suite, and one page about all of them: results/report.html. ARGUMENTS=--quick makes it three minutes instead of a
-# quarter of an hour. A suite with an attempt that ended in an error (exit code 1) is in the page, too.
+# Every suite, and one page about all of them: results/report.html. ARGUMENTS=--quick makes it three minutes instead
+# of 17. A suite with an attempt that ended in an error (exit code 1) is in the page, too.
 report: compare
 	for suite in $(LADDERS); do $(BIN)/python -m benchmarks run $$suite $(ARGUMENTS) || [ $$? -eq 1 ] || exit 1; done
 	for suite in $(WHOLE); do $(BIN)/python -m benchmarks run $$suite || [ $$? -eq 1 ] || exit 1; done
