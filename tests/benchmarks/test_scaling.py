@@ -6,6 +6,7 @@ import pytest
 from rich.console import Console
 
 from benchmarks import cli, exit_codes, scaling, store
+from benchmarks.engines.pybullet import PyBullet
 from tests.benchmarks.make_record import record
 
 
@@ -31,7 +32,8 @@ def test_a_family_has_about_as_many_bodies_as_its_name_says():
 def test_growing_towers_are_measured_and_drawn(tmp_path):
     page = io.StringIO()
     arguments = ["run", "scaling", "--quick", "--scene", "tower-10", "--scene", "tower-30", "--solver", "newton"]
-    assert cli.main([*arguments, "--out", str(tmp_path)], Console(file=page, width=200)) == exit_codes.OK
+    arguments += ["--peer", "none", "--out", str(tmp_path)]
+    assert cli.main(arguments, Console(file=page, width=200)) == exit_codes.OK
     rows = store.read(tmp_path / "scaling")
     assert [(row.bodies, row.contacts, row.status) for row in rows] == [(10, 40, "solved"), (30, 120, "solved")]
     assert all(row.natural_map <= scaling.SOLVER_TOLERANCE and row.steps == scaling.STEPS for row in rows)
@@ -42,6 +44,19 @@ def test_growing_towers_are_measured_and_drawn(tmp_path):
 
 def test_a_scene_that_takes_too_long_is_a_row(tmp_path):
     arguments = ["run", "scaling", "--quick", "--scene", "pile-1000", "--solver", "newton", "--time-limit", "0.01"]
-    assert cli.main([*arguments, "--out", str(tmp_path)], Console(file=io.StringIO())) == exit_codes.OK
+    arguments += ["--peer", "none", "--out", str(tmp_path)]
+    assert cli.main(arguments, Console(file=io.StringIO())) == exit_codes.OK
     (row,) = store.read(tmp_path / "scaling")
     assert row.status == "time limit" and not row.measured and row.bodies == 1000
+
+
+def test_a_missing_peer_is_a_row_of_each_scene(tmp_path, monkeypatch):
+    monkeypatch.setattr(PyBullet, "version", lambda self: "")
+    page = io.StringIO()
+    arguments = ["run", "scaling", "--quick", "--scene", "tower-10", "--solver", "newton", "--peer", "pybullet"]
+    assert cli.main([*arguments, "--out", str(tmp_path)], Console(file=page, width=200)) == exit_codes.OK
+    assert [(row.engine, row.status) for row in store.read(tmp_path / "scaling")] == [
+        ("gpx-lcp", "solved"),
+        ("pybullet", "missing"),
+    ]
+    assert "pybullet is missing. pip install pybullet" in page.getvalue()
