@@ -3,20 +3,22 @@
 //! Contacts of the same two bodies form a group, whose contacts are visited one after the other. Groups get colours, each
 //! the first that neither of its bodies has yet, so that the groups of one colour share no body; the order of groups is
 //! that of their first contacts, so that the colours depend on the system alone. A body that never moves is in no column
-//! of Ĵ and keeps nobody apart. Groups of one colour go four abreast, long ones with long ones.
+//! of Ĵ and keeps nobody apart. Groups of one colour go eight abreast, long ones with long ones.
 
 use smallvec::{SmallVec, smallvec};
+
+use crate::lanes::LANES;
 
 /// Stands for no body in a pair, and for no contact in a lane.
 pub const NONE: u32 = u32::MAX;
 
-/// Four groups of one colour, contact by contact.
+/// Eight groups of one colour, contact by contact.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Batch {
     /// The two bodies of each lane.
-    pub bodies: [[u32; 4]; 2],
+    pub bodies: [[u32; LANES]; 2],
     /// The contact in each lane, visit by visit.
-    pub contacts: Vec<[u32; 4]>,
+    pub contacts: Vec<[u32; LANES]>,
 }
 
 /// Arrange contacts, given by the bodies that they touch, in colours of batches.
@@ -60,16 +62,19 @@ pub fn coloured(pairs: &[[u32; 2]]) -> Vec<Vec<Batch>> {
         .into_iter()
         .map(|mut groups| {
             groups.sort_by_key(|group| std::cmp::Reverse(group.len()));
-            groups.chunks(4).map(|four| batch(four, pairs)).collect()
+            groups
+                .chunks(LANES)
+                .map(|abreast| batch(abreast, pairs))
+                .collect()
         })
         .collect()
 }
 
-/// At most four groups abreast, the longest first.
+/// At most eight groups abreast, the longest first.
 fn batch(groups: &[&[u32]], pairs: &[[u32; 2]]) -> Batch {
     let mut batch = Batch {
-        bodies: [[NONE; 4]; 2],
-        contacts: vec![[NONE; 4]; groups[0].len()],
+        bodies: [[NONE; LANES]; 2],
+        contacts: vec![[NONE; LANES]; groups[0].len()],
     };
     for (lane, group) in groups.iter().enumerate() {
         let pair = pairs[group[0] as usize];
@@ -101,7 +106,7 @@ mod tests {
             bodies.dedup();
             assert_eq!(bodies.len(), count, "a body twice in one colour");
             for batch in colour {
-                for lane in 0..4 {
+                for lane in 0..LANES {
                     for contact in batch.contacts.iter().map(|visit| visit[lane]) {
                         if contact != NONE {
                             seen[contact as usize] += 1;

@@ -1,4 +1,4 @@
-//! One contact, or four side by side: the own block of A, made safe to divide by, and what a law must answer about it.
+//! One contact, or eight side by side: the own block of A, made safe to divide by, and what a law must answer about it.
 //!
 //! Block Gauss-Seidel changes one contact's impulse at a time. With the others held, its velocity is u = A_ii p + b, and
 //! the law (which impulses are allowed, and when) makes that a problem of one to three unknowns, solved exactly.
@@ -9,7 +9,7 @@ use crate::small_matrix::{Matrix, Vector, cholesky, dot, lower_inverse, times, t
 /// Smallest pivot of a diagonal block that is divided by, as a share of its largest diagonal entry.
 const LEAST_PIVOT: f64 = 1e-9;
 
-/// What a visit reads and writes of one contact (T = f64), or of four.
+/// What a visit reads and writes of one contact (T = f64), or of eight.
 ///
 /// In the order of use: a contact that sticks needs nothing from `block` on.
 #[derive(Clone, Copy, Debug)]
@@ -178,9 +178,11 @@ impl<T: Memory, const R: usize> Contact<T, R> {
         let mut change = [V::splat(0.0); R];
         let mut impulse = change;
         for r in 0..R {
-            change[r] = V::load(&self.response[r][0]) * velocity[0];
+            change[r] = V::load(&self.response[0][r]) * velocity[0];
             for c in 1..R {
-                change[r] = change[r].plus_product(V::load(&self.response[r][c]), velocity[c]);
+                // Symmetric, so that half of it need not be fetched.
+                let response = V::load(&self.response[r.min(c)][r.max(c)]);
+                change[r] = change[r].plus_product(response, velocity[c]);
             }
             impulse[r] = V::load(&self.impulse[r]) + change[r];
         }
@@ -331,13 +333,13 @@ pub trait Law<const R: usize>: Sync {
     fn project(&self, friction: f64, impulse: &Vector<R>) -> Vector<R>;
 
     /// d p - P(d p - û), m/s: zero exactly where the impulse p and the velocity u satisfy the law.
-    fn natural_map(
+    fn natural_map<V: Lanes>(
         &self,
-        friction: f64,
-        scale: f64,
-        impulse: &Vector<R>,
-        velocity: &Vector<R>,
-    ) -> Vector<R>;
+        friction: V,
+        scale: V,
+        impulse: &[V; R],
+        velocity: &[V; R],
+    ) -> [V; R];
 }
 
 /// Random contacts for the tests of the laws.

@@ -180,7 +180,7 @@ pub trait Sweeper<const R: usize> {
 
     /// Σ d_i (p - y)_i · (p - x)_i, with p the impulses now, y those from which the last sweep started, and x those at the
     /// last extrapolation.
-    fn agreement(&self) -> f64;
+    fn agreement(&mut self, team: &Team) -> f64;
 
     /// Go on from p + β (p - x), brought to the law.
     fn extrapolate(&mut self, team: &Team, beta: f64);

@@ -158,7 +158,7 @@ impl<const R: usize, L: Law<R>> Sweeper<R> for Rows<'_, R, L> {
         self.impulse.clone()
     }
 
-    fn agreement(&self) -> f64 {
+    fn agreement(&mut self, _team: &Team) -> f64 {
         let mut sum = 0.0;
         for Row { index, contact, .. } in &self.contacts {
             let (p, x, y) = (

@@ -147,16 +147,16 @@ impl<const R: usize> Law<R> for Coulomb {
         project(friction, impulse)
     }
 
-    #[inline]
-    fn natural_map(
+    #[inline(always)]
+    fn natural_map<V: Lanes>(
         &self,
-        friction: f64,
-        scale: f64,
-        impulse: &Vector<R>,
-        velocity: &Vector<R>,
-    ) -> Vector<R> {
+        friction: V,
+        scale: V,
+        impulse: &[V; R],
+        velocity: &[V; R],
+    ) -> [V; R] {
         let mut corrected = *velocity;
-        corrected[0] += friction * tangent_length(velocity);
+        corrected[0] = velocity[0] + friction * tangent_length(velocity);
         natural_map(friction, scale, impulse, &corrected)
     }
 }
@@ -291,14 +291,14 @@ impl<const R: usize> Law<R> for ConvexCone {
         project(friction, impulse)
     }
 
-    #[inline]
-    fn natural_map(
+    #[inline(always)]
+    fn natural_map<V: Lanes>(
         &self,
-        friction: f64,
-        scale: f64,
-        impulse: &Vector<R>,
-        velocity: &Vector<R>,
-    ) -> Vector<R> {
+        friction: V,
+        scale: V,
+        impulse: &[V; R],
+        velocity: &[V; R],
+    ) -> [V; R] {
         natural_map(friction, scale, impulse, velocity)
     }
 }
@@ -372,37 +372,44 @@ fn onto_boundary<const R: usize>(friction: f64, impulse: &Vector<R>) -> Vector<R
 }
 
 /// Exact projection onto the friction cone.
-#[inline]
-pub fn project<const R: usize>(friction: f64, x: &Vector<R>) -> Vector<R> {
-    let length = tangent_length(x);
-    // The polar cone first: without friction or tangent the two tests overlap on the negative normals.
-    if friction * length <= -x[0] {
-        return [0.0; R];
-    }
-    if length <= friction * x[0] {
+#[inline(always)]
+pub fn project<V: Lanes, const R: usize>(friction: V, x: &[V; R]) -> [V; R] {
+    let (zero, length) = (V::splat(0.0), tangent_length(x));
+    let inside = (friction * x[0]).at_least(length);
+    if V::all(V::both(inside, x[0].at_least(zero))) {
         return *x;
     }
-    let normal = (x[0] + friction * length) / (1.0 + friction * friction);
+    let polar = (-x[0]).at_least(friction * length);
+    let normal = (x[0] + friction * length) / (V::splat(1.0) + friction * friction);
+    let shrink = friction * normal / length;
     let mut result = *x;
-    result[0] = normal;
-    for value in &mut result[1..] {
-        *value *= friction * normal / length;
+    for r in 0..R {
+        let boundary = if r == 0 { normal } else { x[r] * shrink };
+        // The polar cone last: without friction or tangent the two tests overlap on the negative normals.
+        result[r] = boundary.replaced(inside, x[r]).replaced(polar, zero);
     }
     result
 }
 
 /// d p - P_K(d p - û) as û + (x - P_K(x)), whose second term is zero inside the cone: û is not lost beside impulses that
 /// run off.
-#[inline]
-fn natural_map<const R: usize>(
-    friction: f64,
-    scale: f64,
-    impulse: &Vector<R>,
-    velocity: &Vector<R>,
-) -> Vector<R> {
-    let x: Vector<R> = std::array::from_fn(|r| scale * impulse[r] - velocity[r]);
+#[inline(always)]
+fn natural_map<V: Lanes, const R: usize>(
+    friction: V,
+    scale: V,
+    impulse: &[V; R],
+    velocity: &[V; R],
+) -> [V; R] {
+    let mut x = *impulse;
+    for r in 0..R {
+        x[r] = scale * impulse[r] - velocity[r];
+    }
     let inside = project(friction, &x);
-    std::array::from_fn(|r| velocity[r] + (x[r] - inside[r]))
+    let mut map = *velocity;
+    for r in 0..R {
+        map[r] = velocity[r] + (x[r] - inside[r]);
+    }
+    map
 }
 
 #[cfg(test)]

@@ -189,7 +189,8 @@ fn iterate<const R: usize>(
             }
         }
         if settings.acceleration && sweeps > 0 {
-            sweeper.extrapolate(team, momentum.beta(sweeper.agreement()));
+            let beta = momentum.beta(sweeper.agreement(team));
+            sweeper.extrapolate(team, beta);
         }
         sweeper.sweep(team, settings.relaxation);
         sweeps += 1;
@@ -254,7 +255,7 @@ impl Momentum {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::delassus::BlockRows;
+    use crate::exact::BlockMatrix;
     use crate::factored::Factored;
     use crate::friction_cone::Coulomb;
 
@@ -275,14 +276,14 @@ mod tests {
         go_on: &mut dyn FnMut() -> bool,
     ) -> Outcome<1> {
         let (mut ends, mut bodies, mut data) = (vec![0], Vec::new(), Vec::new());
-        for k in 0..n as i64 {
+        for k in 0..n as u32 {
             if k > 0 {
                 bodies.push(k - 1);
                 data.push(-1.0);
             }
             bodies.push(k);
             data.push(1.0);
-            ends.push(bodies.len() as i64);
+            ends.push(bodies.len());
         }
         let mut target = vec![[0.0]; n];
         target[0] = [1.0];
@@ -294,8 +295,8 @@ mod tests {
             scale: &scale,
             target_norm: 1.0,
         };
-        let rows = BlockRows::<1, 1>::new(&ends, &bodies, &data, n).unwrap();
-        let delassus = Factored::<1, 1>::new(&rows, n).unwrap();
+        let rows = BlockMatrix::new(ends, bodies, data, (1, 1), n).unwrap();
+        let delassus = Factored::<1, 1>::new(&rows).unwrap();
         solve(
             &delassus,
             &Coulomb,

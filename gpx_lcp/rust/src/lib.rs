@@ -8,6 +8,7 @@
     reason = "formulas on small matrices read best with their indices"
 )]
 
+mod abreast;
 pub mod bodies;
 pub mod collision;
 mod colouring;

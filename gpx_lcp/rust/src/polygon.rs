@@ -339,20 +339,40 @@ impl<const R: usize> Law<R> for Polygon<R> {
         result
     }
 
-    fn natural_map(
+    /// Contact by contact: the nearest point of a polygon is a search.
+    #[inline(always)]
+    fn natural_map<V: Lanes>(
         &self,
-        friction: f64,
-        scale: f64,
-        impulse: &Vector<R>,
-        velocity: &Vector<R>,
-    ) -> Vector<R> {
-        let scaled: Vector<R> = std::array::from_fn(|r| scale * impulse[r]);
-        let radius = friction * scaled[0].max(0.0);
-        let x: Vector<R> = std::array::from_fn(|r| scaled[r] - velocity[r]);
-        let mut inside = self.nearest(radius, &x);
-        inside[0] = x[0].max(0.0);
+        friction: V,
+        scale: V,
+        impulse: &[V; R],
+        velocity: &[V; R],
+    ) -> [V; R] {
+        let mut map = [V::Memory::filled(0.0); R];
+        let (mut numbers, mut x) = ([V::Memory::filled(0.0); 2], map);
+        friction.store(&mut numbers[0]);
+        (scale * impulse[0]).store(&mut numbers[1]);
+        for r in 0..R {
+            (scale * impulse[r] - velocity[r]).store(&mut x[r]);
+        }
+        for lane in 0..V::Memory::WIDTH {
+            let [friction, push] = [numbers[0].get(lane), numbers[1].get(lane)];
+            let mut here = [0.0; R];
+            for r in 0..R {
+                here[r] = x[r].get(lane);
+            }
+            let inside = self.nearest(friction * push.max(0.0), &here);
+            map[0].set(lane, here[0] - here[0].max(0.0));
+            for r in 1..R {
+                map[r].set(lane, here[r] - inside[r]);
+            }
+        }
         // As for the cone: the velocity is not lost beside impulses that run off.
-        std::array::from_fn(|r| velocity[r] + (x[r] - inside[r]))
+        let mut result = *velocity;
+        for r in 0..R {
+            result[r] = velocity[r] + V::load(&map[r]);
+        }
+        result
     }
 }
 

@@ -1,5 +1,7 @@
 //! The few operations on 1 × 1 to 3 × 3 matrices that one contact needs, on arrays of rows.
 
+use crate::lanes::Lanes;
+
 pub type Vector<const N: usize> = [f64; N];
 pub type Matrix<const N: usize> = [[f64; N]; N];
 
@@ -30,11 +32,18 @@ pub fn transposed<const N: usize>(matrix: &Matrix<N>) -> Matrix<N> {
 
 /// Length of the entries after the first: the tangential part of a contact vector.
 #[inline(always)]
-pub fn tangent_length<const N: usize>(x: &Vector<N>) -> f64 {
+pub fn tangent_length<V: Lanes, const N: usize>(x: &[V; N]) -> V {
+    let zero = V::splat(0.0);
     match N {
-        1 => 0.0,
-        2 => x[1].abs(),
-        _ => x[1..].iter().map(|value| value * value).sum::<f64>().sqrt(),
+        1 => zero,
+        2 => (-x[1]).replaced(x[1].at_least(zero), x[1]),
+        _ => {
+            let mut square = x[1] * x[1];
+            for r in 2..N {
+                square = square + x[r] * x[r];
+            }
+            square.sqrt()
+        }
     }
 }
 

@@ -3,7 +3,6 @@
 use std::time::{Duration, Instant};
 
 use crate::contact::Law;
-use crate::delassus::BlockRows;
 use crate::exact::{self, BlockMatrix};
 use crate::factored::Factored;
 use crate::friction_cone::{ConvexCone, Coulomb};
@@ -420,9 +419,8 @@ impl Question<'_> {
             scale: system.scale,
             target_norm: square.sqrt(),
         };
-        let delassus =
-            Factored::<R, D>::new(&block_rows(system.whitened), system.whitened.block_columns)
-                .expect("a contact of a stack touches two bodies");
+        let delassus = Factored::<R, D>::new(system.whitened)
+            .expect("a contact of a stack touches two bodies");
         let outcome = gauss_seidel::solve(&delassus, law, &problem, &start, settings, go_on);
         let status = match outcome.stop {
             Stop::Solved => Status::Solved,
@@ -451,15 +449,6 @@ impl Question<'_> {
             details: Details::Sweeps(outcome.stop),
         })
     }
-}
-
-fn block_rows<const R: usize, const D: usize>(matrix: &BlockMatrix) -> BlockRows<R, D> {
-    let starts: Vec<i64> = matrix.starts.iter().map(|&start| start as i64).collect();
-    let columns: Vec<i64> = matrix.columns.iter().map(|&body| i64::from(body)).collect();
-    let blocks = matrix.values.chunks_exact(matrix.height * D);
-    let first_rows: Vec<f64> = blocks.flat_map(|block| &block[..R * D]).copied().collect();
-    BlockRows::new(&starts, &columns, &first_rows, matrix.block_columns)
-        .expect("the blocks of a stack belong to its bodies")
 }
 
 /// The power of two just above a positive number.

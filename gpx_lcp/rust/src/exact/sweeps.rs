@@ -58,13 +58,11 @@ fn explicit<const R: usize>(
     most: impl FnOnce() -> f64,
     best: &mut Best,
 ) {
-    with_law::<R, _>(
-        Explicit::new(block_rows::<R, R>(a)),
-        problem,
-        limits,
-        most,
-        best,
-    );
+    let starts: Vec<i64> = a.starts.iter().map(|&value| value as i64).collect();
+    let columns: Vec<i64> = a.columns.iter().map(|&value| i64::from(value)).collect();
+    let rows = BlockRows::new(&starts, &columns, &a.values, a.block_columns)
+        .expect("a block matrix has been checked");
+    with_law::<R, _>(Explicit::new(rows), problem, limits, most, best);
 }
 
 fn factored<const R: usize, const D: usize>(
@@ -75,20 +73,9 @@ fn factored<const R: usize, const D: usize>(
     best: &mut Best,
 ) {
     // Contacts of more than two bodies are rare enough to go without, too.
-    if let Some(delassus) = Factored::new(&block_rows::<R, D>(factor), factor.block_columns) {
+    if let Some(delassus) = Factored::<R, D>::new(factor) {
         with_law::<R, _>(delassus, problem, limits, most, best);
     }
-}
-
-fn block_rows<const R: usize, const C: usize>(matrix: &BlockMatrix) -> BlockRows<R, C> {
-    let starts: Vec<i64> = matrix.starts.iter().map(|&value| value as i64).collect();
-    let columns: Vec<i64> = matrix
-        .columns
-        .iter()
-        .map(|&value| i64::from(value))
-        .collect();
-    BlockRows::new(&starts, &columns, &matrix.values, matrix.block_columns)
-        .expect("a block matrix has been checked")
 }
 
 fn with_law<const R: usize, A: Delassus<R>>(

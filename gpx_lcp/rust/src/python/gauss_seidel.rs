@@ -5,8 +5,10 @@ use std::time::Duration;
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 
+use super::system::converted;
 use crate::contact::Law;
 use crate::delassus::{BlockRows, Delassus, StructureError};
+use crate::exact::BlockMatrix;
 use crate::explicit::Explicit;
 use crate::factored::Factored;
 use crate::friction_cone::{ConvexCone, Coulomb};
@@ -154,8 +156,15 @@ fn factored<'py, const R: usize, const D: usize>(
     question: &Question<'py>,
     effort: &Effort<'py>,
 ) -> PyResult<Answer<'py>> {
-    let factored = Factored::new(&block_rows::<R, D>(matrix)?, matrix.columns);
-    let factored = factored
+    let (starts, columns) = (matrix.indptr.as_slice()?, matrix.indices.as_slice()?);
+    let whitened = BlockMatrix::new(
+        converted("indptr", starts)?,
+        converted("indices", columns)?,
+        matrix.data.as_slice()?.to_vec(),
+        (R, D),
+        matrix.columns,
+    )?;
+    let factored = Factored::<R, D>::new(&whitened)
         .ok_or_else(|| ProblemError::new_err("a contact touches more than two bodies: give A"))?;
     with_law(py, factored, question, effort)
 }

@@ -35,7 +35,7 @@ where
     )
 }
 
-fn converted<S: Copy + std::fmt::Display, T: TryFrom<S>>(
+pub(super) fn converted<S: Copy + std::fmt::Display, T: TryFrom<S>>(
     name: &str,
     values: &[S],
 ) -> PyResult<Vec<T>> {

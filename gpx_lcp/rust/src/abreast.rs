@@ -1,0 +1,566 @@
+//! Sweeps over contacts eight abreast, colour after colour.
+//!
+//! The states w = Ĵᵀ p of the bodies of eight groups (see `factored`) are read and written once for the whole groups. Threads
+//! share the batches of a colour, and are waited for before the next colour begins. Who visits a batch changes nothing in
+//! it, so the bits do not depend on the number of threads.
+
+use std::ops::Range;
+
+use crate::colouring::NONE;
+use crate::contact::{Contact, Law};
+use crate::delassus::{Sweeper, allowed};
+#[cfg(target_arch = "x86_64")]
+use crate::lanes::x86_64::{Pair, Wide};
+use crate::lanes::{EightLanes, LANES, Oct, Portable};
+use crate::small_matrix::Vector;
+use crate::team::Team;
+
+/// Visits of a piece of work, at least: two microseconds, so that taking it costs little.
+const PIECE: usize = 16;
+/// States of a piece of work.
+const STATES: usize = 1024;
+
+/// w of one body, √kg m/s, filled up with zeros.
+type State = Oct;
+
+/// Where the rows of a visit begin: side by side, row by row, the columns where forces act, and the others.
+#[derive(Clone, Copy)]
+pub struct Place {
+    pub forces: u32,
+    pub moments: u32,
+}
+
+impl Place {
+    /// How many of the columns of a block are those where forces act.
+    pub const fn forces(columns: usize) -> usize {
+        if columns < 3 { columns } else { 3 }
+    }
+}
+
+/// Eight groups: the states that their lanes work on, and their visits.
+pub struct Batch {
+    pub bodies: [[u32; LANES]; 2],
+    pub visits: Range<usize>,
+}
+
+pub struct Abreast<'a, const R: usize, const D: usize, L: Law<R>> {
+    law: &'a L,
+    /// Contacts of the system.
+    length: usize,
+    /// What the contacts that no impulse moves add to the square of the residual.
+    locked: f64,
+    /// Ĵ, where the places of the visits tell.
+    pub rows: Vec<Oct>,
+    pub places: Vec<Place>,
+    /// In the order of a sweep, one contact of each of eight groups.
+    pub visits: Vec<Contact<Oct, R>>,
+    /// The numbers in the system of a visit's contacts.
+    pub contacts: Vec<[u32; LANES]>,
+    pub batches: Vec<Batch>,
+    /// Eight to a visit.
+    locals: Vec<L::Local>,
+    /// Batches of one colour in pieces, one colour after the other.
+    colours: Vec<Vec<Range<usize>>>,
+    states: Vec<State>,
+    /// w = Ĵᵀ x.
+    states_before: Vec<State>,
+    /// A number that each visit is asked for, so that their sum does not depend on who found them.
+    numbers: Vec<f64>,
+    /// x and y of `Sweeper::agreement`, visit by visit.
+    before: Vec<[Oct; R]>,
+    start: Vec<[Oct; R]>,
+}
+
+/// What a team does with all visits, or all states.
+#[derive(Clone, Copy)]
+enum Task {
+    Sweep {
+        relaxation: f64,
+    },
+    /// Add Ĵᵀ p to the states, and Ĵᵀ x to those before.
+    Gather,
+    /// Find the squares of the natural map.
+    Judge,
+    /// Find d (p - y)·(p - x).
+    Agree,
+    /// Go on from w + β (w - Ĵᵀ x), which is x from now on.
+    Carry {
+        beta: f64,
+    },
+    /// Go on from p + β (p - x), brought to the law, in the states that have been carried on.
+    Extrapolate {
+        beta: f64,
+    },
+}
+
+/// What the threads of a team write to: each its own visits, and in one colour its own bodies.
+struct Work<'a, const R: usize, const D: usize, L: Law<R>> {
+    law: &'a L,
+    rows: &'a [Oct],
+    places: &'a [Place],
+    batches: &'a [Batch],
+    contacts: &'a [[u32; LANES]],
+    visits: *mut Contact<Oct, R>,
+    locals: *mut L::Local,
+    states: *mut State,
+    states_before: *mut State,
+    numbers: *mut f64,
+    before: *mut [Oct; R],
+    start: *mut [Oct; R],
+}
+
+// SAFETY: no batch is in two pieces, batches of one colour share no body (colouring) and no other slot, and a team is done
+// with one colour before the next begins.
+unsafe impl<const R: usize, const D: usize, L: Law<R>> Sync for Work<'_, R, D, L> {}
+
+impl<'a, const R: usize, const D: usize, L: Law<R>> Abreast<'a, R, D, L> {
+    /// Without visits: they come colour by colour.
+    pub fn new(law: &'a L, length: usize, locked: f64) -> Self {
+        Self {
+            law,
+            length,
+            locked,
+            rows: Vec::new(),
+            places: Vec::new(),
+            visits: Vec::new(),
+            contacts: Vec::new(),
+            batches: Vec::new(),
+            locals: Vec::new(),
+            colours: Vec::new(),
+            states: Vec::new(),
+            states_before: Vec::new(),
+            numbers: Vec::new(),
+            before: Vec::new(),
+            start: Vec::new(),
+        }
+    }
+
+    /// Make room for so many visits, whose contacts do nothing yet.
+    pub fn make_room(&mut self, visits: usize) {
+        self.rows.reserve_exact(2 * R * D * visits);
+        self.places.reserve_exact(visits);
+        self.contacts.reserve_exact(visits);
+        self.visits.resize(visits, Contact::idle());
+    }
+
+    /// Make the batches from `first` on a colour, cut where PIECE visits are full.
+    pub fn end_colour(&mut self, first: usize) {
+        let mut pieces = Vec::new();
+        let (mut begin, mut visits) = (first, 0);
+        for (at, batch) in self.batches.iter().enumerate().skip(first) {
+            visits += batch.visits.len();
+            if visits >= PIECE || at + 1 == self.batches.len() {
+                pieces.push(begin..at + 1);
+                (begin, visits) = (at + 1, 0);
+            }
+        }
+        self.colours.push(pieces);
+    }
+
+    /// Make ready to sweep, with so many states.
+    pub fn end(&mut self, states: usize) {
+        let visits = self.visits.len();
+        self.locals.resize_with(LANES * visits, L::Local::default);
+        self.states.resize(states, State::default());
+        self.states_before.resize(states, State::default());
+        self.numbers.resize(visits, 0.0);
+        self.before = self.visits.iter().map(|visit| visit.impulse).collect();
+        self.start = self.before.clone();
+    }
+
+    fn perform(&mut self, task: Task, team: &Team) {
+        let states = self.states.len();
+        let work = Work::<R, D, L> {
+            law: self.law,
+            rows: &self.rows,
+            places: &self.places,
+            batches: &self.batches,
+            contacts: &self.contacts,
+            visits: self.visits.as_mut_ptr(),
+            locals: self.locals.as_mut_ptr(),
+            states: self.states.as_mut_ptr(),
+            states_before: self.states_before.as_mut_ptr(),
+            numbers: self.numbers.as_mut_ptr(),
+            before: self.before.as_mut_ptr(),
+            start: self.start.as_mut_ptr(),
+        };
+        if let Task::Carry { .. } = task {
+            team.run(states.div_ceil(STATES), &|piece| {
+                work.run(task, STATES * piece..states.min(STATES * (piece + 1)));
+            });
+            return;
+        }
+        for pieces in &self.colours {
+            team.run(pieces.len(), &|piece| work.run(task, pieces[piece].clone()));
+        }
+    }
+
+    fn sum(&self) -> f64 {
+        self.numbers.iter().sum()
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma")]
+fn perform_paired<const R: usize, const D: usize, L: Law<R>>(
+    work: &Work<R, D, L>,
+    task: Task,
+    part: Range<usize>,
+) {
+    work.perform::<Pair>(task, part);
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512dq")]
+fn perform_wide<const R: usize, const D: usize, L: Law<R>>(
+    work: &Work<R, D, L>,
+    task: Task,
+    part: Range<usize>,
+) {
+    work.perform::<Wide>(task, part);
+}
+
+/// Inlined, with all it calls in a sweep, so that it is compiled for the processor of the function around it.
+impl<const R: usize, const D: usize, L: Law<R>> Work<'_, R, D, L> {
+    const FORCES: usize = Place::forces(D);
+    const MOMENTS: usize = D - Self::FORCES;
+
+    /// Do a task for some batches, or states, with what this processor has.
+    fn run(&self, task: Task, part: Range<usize>) {
+        // SAFETY: the processor has just said that it has what the function is compiled for.
+        #[cfg(target_arch = "x86_64")]
+        if Wide::available() {
+            return unsafe { perform_wide(self, task, part) };
+        } else if Pair::available() {
+            return unsafe { perform_paired(self, task, part) };
+        }
+        self.perform::<Portable>(task, part);
+    }
+
+    #[inline(always)]
+    fn perform<V: EightLanes>(&self, task: Task, part: Range<usize>) {
+        if let Task::Carry { beta } = task {
+            return self.carry::<V>(part, beta);
+        }
+        let batches = &self.batches[part];
+        match task {
+            Task::Sweep { relaxation } => {
+                for batch in batches {
+                    self.visit::<V>(batch, relaxation);
+                }
+            }
+            Task::Gather => {
+                for batch in batches {
+                    self.gather::<V>(batch);
+                }
+            }
+            Task::Judge => {
+                for batch in batches {
+                    self.judge::<V>(batch);
+                }
+            }
+            Task::Agree => {
+                for batch in batches {
+                    self.agree::<V>(batch);
+                }
+            }
+            Task::Extrapolate { beta } => {
+                for batch in batches {
+                    self.extrapolate::<V>(batch, beta);
+                }
+            }
+            Task::Carry { .. } => {}
+        }
+    }
+
+    #[inline(always)]
+    fn visit<V: EightLanes>(&self, batch: &Batch, relaxation: f64) {
+        let mut states = self.load::<V>(self.states, batch);
+        for at in batch.visits.clone() {
+            // SAFETY: visits and locals of this batch are this thread's.
+            let visit = unsafe { &mut *self.visits.add(at) };
+            let locals =
+                unsafe { std::slice::from_raw_parts_mut(self.locals.add(LANES * at), LANES) };
+            let velocity = self.velocity(at, visit, &states);
+            let change = visit.visit::<L, V>(self.law, locals, &velocity, relaxation);
+            self.add(at, &change, &mut states);
+        }
+        self.store(self.states, batch, &states);
+    }
+
+    #[inline(always)]
+    fn gather<V: EightLanes>(&self, batch: &Batch) {
+        let mut states = self.load::<V>(self.states, batch);
+        let mut states_before = self.load::<V>(self.states_before, batch);
+        for at in batch.visits.clone() {
+            // SAFETY: as above.
+            let (visit, before) = unsafe { (&*self.visits.add(at), &*self.before.add(at)) };
+            let mut impulse = [V::splat(0.0); R];
+            let mut impulse_before = impulse;
+            for r in 0..R {
+                impulse[r] = V::load(&visit.impulse[r]);
+                impulse_before[r] = V::load(&before[r]);
+            }
+            self.add(at, &impulse, &mut states);
+            self.add(at, &impulse_before, &mut states_before);
+        }
+        self.store(self.states, batch, &states);
+        self.store(self.states_before, batch, &states_before);
+    }
+
+    #[inline(always)]
+    fn judge<V: EightLanes>(&self, batch: &Batch) {
+        let states = self.load::<V>(self.states, batch);
+        for at in batch.visits.clone() {
+            // SAFETY: as above; nobody writes to a state meanwhile.
+            let visit = unsafe { &*self.visits.add(at) };
+            let velocity = self.velocity(at, visit, &states);
+            let mut impulse = velocity;
+            for r in 0..R {
+                impulse[r] = V::load(&visit.impulse[r]);
+            }
+            let (friction, scale) = (V::load(&visit.friction), V::load(&visit.scale));
+            let map = self.law.natural_map(friction, scale, &impulse, &velocity);
+            let mut square = map[0] * map[0];
+            for r in 1..R {
+                square = square.plus_product(map[r], map[r]);
+            }
+            let mut squares = Oct::default();
+            square.store(&mut squares);
+            let mut sum = 0.0;
+            for lane in 0..LANES {
+                if self.contacts[at][lane] != NONE {
+                    sum += squares.0[lane];
+                }
+            }
+            unsafe { *self.numbers.add(at) = sum };
+        }
+    }
+
+    #[inline(always)]
+    fn agree<V: EightLanes>(&self, batch: &Batch) {
+        for at in batch.visits.clone() {
+            // SAFETY: as above, and so are the entries of `before` and `start`.
+            let (visit, before, start) = unsafe {
+                (
+                    &*self.visits.add(at),
+                    &*self.before.add(at),
+                    &*self.start.add(at),
+                )
+            };
+            let mut sum = V::splat(0.0);
+            for r in 0..R {
+                let p = V::load(&visit.impulse[r]);
+                let (step, way) = (p - V::load(&start[r]), p - V::load(&before[r]));
+                sum = sum.plus_product(step, way);
+            }
+            let mut sums = Oct::default();
+            (sum * V::load(&visit.scale)).store(&mut sums);
+            let mut total = 0.0;
+            for lane in 0..LANES {
+                total += sums.0[lane];
+            }
+            unsafe { *self.numbers.add(at) = total };
+        }
+    }
+
+    #[inline(always)]
+    fn carry<V: EightLanes>(&self, states: Range<usize>, beta: f64) {
+        for at in states {
+            // SAFETY: these states are this thread's.
+            let (state, before) =
+                unsafe { (&mut *self.states.add(at), &mut *self.states_before.add(at)) };
+            let now = V::load(state);
+            now.plus_product(V::splat(beta), now - V::load(before))
+                .store(state);
+            now.store(before);
+        }
+    }
+
+    #[inline(always)]
+    fn extrapolate<V: EightLanes>(&self, batch: &Batch, beta: f64) {
+        for at in batch.visits.clone() {
+            // SAFETY: as above.
+            let (visit, before, start) = unsafe {
+                (
+                    &mut *self.visits.add(at),
+                    &mut *self.before.add(at),
+                    &mut *self.start.add(at),
+                )
+            };
+            let mut further = [V::splat(0.0); R];
+            for r in 0..R {
+                let p = V::load(&visit.impulse[r]);
+                further[r] = p.plus_product(V::splat(beta), p - V::load(&before[r]));
+            }
+            *before = visit.impulse;
+            for r in 0..R {
+                further[r].store(&mut visit.impulse[r]);
+            }
+            if !V::all(self.law.contains(V::load(&visit.friction), &further)) {
+                self.bring_back(batch, at, visit, &further);
+            }
+            *start = visit.impulse;
+        }
+    }
+
+    /// Bring the impulses of a visit to the law, and tell the states, which have been carried on with `further`.
+    #[inline(always)]
+    fn bring_back<V: EightLanes>(
+        &self,
+        batch: &Batch,
+        at: usize,
+        visit: &mut Contact<Oct, R>,
+        further: &[V; R],
+    ) {
+        for lane in 0..LANES {
+            let friction = visit.friction.0[lane];
+            let impulse = allowed(self.law, friction, &visit.impulse_in(lane));
+            for r in 0..R {
+                visit.impulse[r].0[lane] = impulse[r];
+            }
+        }
+        let mut change = *further;
+        for r in 0..R {
+            change[r] = V::load(&visit.impulse[r]) - further[r];
+        }
+        let mut states = self.load::<V>(self.states, batch);
+        self.add(at, &change, &mut states);
+        self.store(self.states, batch, &states);
+    }
+
+    /// An entry of a visit's rows, for all lanes.
+    #[inline(always)]
+    fn row<V: EightLanes>(&self, begin: u32, columns: usize, side: usize, r: usize, d: usize) -> V {
+        // SAFETY: places tell where rows are.
+        V::load(unsafe {
+            self.rows
+                .get_unchecked(begin as usize + (side * R + r) * columns + d)
+        })
+    }
+
+    /// Ĵ w + `free`, m/s, of a visit's contacts.
+    #[inline(always)]
+    fn velocity<V: EightLanes>(
+        &self,
+        at: usize,
+        visit: &Contact<Oct, R>,
+        states: &[[V; D]; 2],
+    ) -> [V; R] {
+        let place = self.places[at];
+        let mut velocity = [V::splat(0.0); R];
+        for r in 0..R {
+            // Short sums, because each waits for itself.
+            let mut sums = [V::load(&visit.free[r]), V::splat(0.0)];
+            for side in 0..2 {
+                for d in 0..Self::FORCES {
+                    let row = self.row(place.forces, Self::FORCES, side, r, d);
+                    sums[side] = sums[side].plus_product(row, states[side][d]);
+                }
+            }
+            velocity[r] = sums[0] + sums[1];
+            if Self::MOMENTS > 0 {
+                let mut sums = [V::splat(0.0); 2];
+                for side in 0..2 {
+                    for d in 0..Self::MOMENTS {
+                        let row = self.row(place.moments, Self::MOMENTS, side, r, d);
+                        sums[side] = sums[side].plus_product(row, states[side][Self::FORCES + d]);
+                    }
+                }
+                velocity[r] = velocity[r] + (sums[0] + sums[1]);
+            }
+        }
+        velocity
+    }
+
+    /// Add Ĵᵀ times a change of a visit's impulses to the states.
+    #[inline(always)]
+    fn add<V: EightLanes>(&self, at: usize, change: &[V; R], states: &mut [[V; D]; 2]) {
+        let place = self.places[at];
+        for side in 0..2 {
+            for r in 0..R {
+                for d in 0..Self::FORCES {
+                    let row = self.row(place.forces, Self::FORCES, side, r, d);
+                    states[side][d] = states[side][d].plus_product(row, change[r]);
+                }
+                for d in 0..Self::MOMENTS {
+                    let row = self.row(place.moments, Self::MOMENTS, side, r, d);
+                    let state = &mut states[side][Self::FORCES + d];
+                    *state = state.plus_product(row, change[r]);
+                }
+            }
+        }
+    }
+
+    /// The states of a batch's bodies, entry by entry, a body in each lane.
+    #[inline(always)]
+    fn load<V: EightLanes>(&self, from: *mut State, batch: &Batch) -> [[V; D]; 2] {
+        let mut states = [[V::splat(0.0); D]; 2];
+        for side in 0..2 {
+            let mut lanes = [V::splat(0.0); LANES];
+            for lane in 0..LANES {
+                // SAFETY: in this colour the body is this batch's.
+                lanes[lane] = V::load(unsafe { &*from.add(batch.bodies[side][lane] as usize) });
+            }
+            let entries = V::transposed(lanes);
+            for d in 0..D {
+                states[side][d] = entries[d];
+            }
+        }
+        states
+    }
+
+    #[inline(always)]
+    fn store<V: EightLanes>(&self, to: *mut State, batch: &Batch, states: &[[V; D]; 2]) {
+        for side in 0..2 {
+            let mut entries = [V::splat(0.0); LANES];
+            for d in 0..D {
+                entries[d] = states[side][d];
+            }
+            let lanes = V::transposed(entries);
+            for lane in 0..LANES {
+                // SAFETY: as above.
+                lanes[lane].store(unsafe { &mut *to.add(batch.bodies[side][lane] as usize) });
+            }
+        }
+    }
+}
+
+impl<const R: usize, const D: usize, L: Law<R>> Sweeper<R> for Abreast<'_, R, D, L> {
+    fn threads(&self) -> usize {
+        self.colours.iter().map(Vec::len).max().unwrap_or(1)
+    }
+
+    fn sweep(&mut self, team: &Team, relaxation: f64) {
+        self.perform(Task::Sweep { relaxation }, team);
+    }
+
+    fn residual(&mut self, team: &Team) -> f64 {
+        // Both, or what rounding has left in one would grow with the momentum.
+        self.states.fill(State::default());
+        self.states_before.fill(State::default());
+        self.perform(Task::Gather, team);
+        self.perform(Task::Judge, team);
+        (self.locked + self.sum()).sqrt()
+    }
+
+    fn impulse(&self) -> Vec<Vector<R>> {
+        let mut impulse = vec![[0.0; R]; self.length];
+        for (visit, contacts) in self.visits.iter().zip(&self.contacts) {
+            for lane in (0..LANES).filter(|&lane| contacts[lane] != NONE) {
+                impulse[contacts[lane] as usize] = visit.impulse_in(lane);
+            }
+        }
+        impulse
+    }
+
+    fn agreement(&mut self, team: &Team) -> f64 {
+        self.perform(Task::Agree, team);
+        self.sum()
+    }
+
+    fn extrapolate(&mut self, team: &Team, beta: f64) {
+        self.perform(Task::Carry { beta }, team);
+        self.perform(Task::Extrapolate { beta }, team);
+    }
+}
