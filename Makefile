@@ -21,7 +21,7 @@ compare: setup
 	$(BIN)/python -m benchmarks run stability --quick --out results/quick
 
 # Suites that can be had --quick, and those that cannot. `check` certifies again what keeps impulses.
-LADDERS := stability fclib qp presolve scaling analytic kernels
+LADDERS := stability fclib qp presolve scaling acceleration analytic kernels
 WHOLE := impacts overhead
 
 # Every suite, and one page about all of them: results/report.html. ARGUMENTS=--quick makes it three minutes instead
@@ -29,7 +29,7 @@ WHOLE := impacts overhead
 report: compare
 	for suite in $(LADDERS); do $(BIN)/python -m benchmarks run $$suite $(ARGUMENTS) || [ $$? -eq 1 ] || exit 1; done
 	for suite in $(WHOLE); do $(BIN)/python -m benchmarks run $$suite || [ $$? -eq 1 ] || exit 1; done
-	$(BIN)/python -m benchmarks check $(addprefix results/,stacks stability analytic fclib qp impacts presolve scaling)
+	$(BIN)/python -m benchmarks check $(addprefix results/,stacks stability analytic fclib qp impacts presolve scaling acceleration)
 	$(BIN)/python -m benchmarks report $(addprefix results/,stacks $(LADDERS) $(WHOLE))
 
 # The pictures of README.md, from results/stacks and results/stability: `make report` writes both.

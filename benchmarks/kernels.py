@@ -6,11 +6,11 @@ Bandwidth is that of numpy's a ← s c, a ← a + b on arrays that are together 
 that they lie in the same caches, or in none; arithmetic that of a product of matrices. Both are what a program gets on
 one thread, not what a data sheet says.
 
-A sweep over contacts with friction reads for each contact two blocks of Ĵ (3 × 6) and 28 numbers of the contact itself
-(impulse, B, A_ii and its inverse, μ, d, heading), and writes the impulse and the heading back: a line of the cache. The
-states of two bodies, eight numbers each, are read and written once for the contacts that they share, four in these
-scenes. It multiplies and adds for Ĵ w and Ĵᵀ dp; the law at the contact comes on top and is not counted, so that the
-bound is one from below.
+A sweep over contacts that stick reads for each contact two blocks of Ĵ (3 × 6), half of which the contacts of a patch
+share, four in these scenes, and 13 numbers of the contact itself (impulse, B, half of the inverse of A_ii, μ), and
+writes the impulse back. The states of two bodies, a line of the cache each, are read and written once for the patch. It
+multiplies and adds for Ĵ w and Ĵᵀ dp; the law at the contact comes on top and is not counted, nor what sliding contacts
+read besides, so that the bound is one from below.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ NUMBER: Final = 8
 LINE: Final = 64
 SHARED: Final = 4
 # Of one contact and sweep; see above.
-SWEEP_BYTES: Final = 2 * 3 * 6 * NUMBER + 28 * NUMBER + LINE + 2 * 2 * LINE // SHARED
+SWEEP_BYTES: Final = 2 * 3 * 3 * NUMBER * (1 + 1 / SHARED) + (13 + 3) * NUMBER + 2 * 2 * LINE / SHARED
 SWEEP_OPERATIONS: Final = 2 * 2 * (2 * 3 * 6)
 # What the machine's own lines in the table go through, bytes: within the second-level cache of any machine of today,
 # and beyond the last. In fewer bytes than the first, calls of numpy would be measured.
@@ -83,7 +83,8 @@ def _sweep(scene: gpx.Scene, title: str, formulation: str, quick: bool = True) -
             title, scene, engines, stacks.TIME_STEP, 1, lambda each: each.formulation == formulation, lambda text: None
         )
         figures = {"bytes": SWEEP_BYTES, "operations": SWEEP_OPERATIONS, "count": rate.contacts}
-        return 1e-9 * rate.median, {**figures, "byte_seconds": byte_seconds(max(IN_CACHE, rate.contacts * SWEEP_BYTES))}
+        extent = max(IN_CACHE, int(rate.contacts * SWEEP_BYTES))
+        return 1e-9 * rate.median, {**figures, "byte_seconds": byte_seconds(extent)}
 
     return Kernel(f"Sweep, {formulation}, {title}", "pgs", formulation, "contact", measure, quick)
 

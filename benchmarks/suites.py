@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from benchmarks.acceleration import Acceleration
 from benchmarks.analytic import Analytic
 from benchmarks.attempts import Suite
 from benchmarks.fclib.suite import Fclib
@@ -27,6 +28,7 @@ SUITES: Mapping[str, Suite] = {
         Impacts(),
         Presolve(),
         Scaling(),
+        Acceleration(),
         Kernels(),
         Overhead(),
     )

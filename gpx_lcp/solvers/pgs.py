@@ -11,11 +11,12 @@ contacts make it cycle, a relaxation of 0.7 often ends that.
 
 A tower of n cubes whose contacts stick bends like a beam, and its sweeps grow with n⁴. So sweeps have momentum, unless
 `acceleration=False` says otherwise: each starts beyond where the last has led (Nesterov, restarted), and a tower of 30
-takes thousands of sweeps to 1e-6 instead of millions. `python -m benchmarks.acceleration` measures it against sweeps
-without. A relaxation above 1 overshoots by itself and wants no momentum beside it.
+takes thousands of sweeps to 1e-6 instead of millions. `python -m benchmarks run acceleration` measures it against
+sweeps without, Anderson's mixing and sub-steps. A relaxation above 1 overshoots by itself and wants no momentum beside
+it.
 
 Contacts that share no body do not feel each other, so that their order does not matter: a system of bodies is swept by
-colours, four pairs of bodies abreast in the lanes of a register, and by as many threads as the setting `threads` says.
+colours, eight pairs of bodies abreast in the lanes of a register, and by as many threads as the setting `threads` says.
 Their number changes no bit of the result. A system given by A is swept in its own order, by one thread.
 
 Sources: M. Jean, J. J. Moreau, *Unilaterality and dry friction in the dynamics of rigid body collections*, Contact

@@ -503,9 +503,7 @@ impl<const R: usize, const D: usize, L: Law<R>> Work<'_, R, D, L> {
                 lanes[lane] = V::load(unsafe { &*from.add(batch.bodies[side][lane] as usize) });
             }
             let entries = V::transposed(lanes);
-            for d in 0..D {
-                states[side][d] = entries[d];
-            }
+            states[side].copy_from_slice(&entries[..D]);
         }
         states
     }
@@ -514,9 +512,7 @@ impl<const R: usize, const D: usize, L: Law<R>> Work<'_, R, D, L> {
     fn store<V: EightLanes>(&self, to: *mut State, batch: &Batch, states: &[[V; D]; 2]) {
         for side in 0..2 {
             let mut entries = [V::splat(0.0); LANES];
-            for d in 0..D {
-                entries[d] = states[side][d];
-            }
+            entries[..D].copy_from_slice(&states[side]);
             let lanes = V::transposed(entries);
             for lane in 0..LANES {
                 // SAFETY: as above.

@@ -13,7 +13,7 @@ use crate::bodies::{Bodies, Twist};
 use crate::collision::Contact;
 use crate::gauss_seidel::Settings;
 use crate::program::Program;
-use crate::solving::sweep;
+use crate::solving::{Effort, Method, sweep};
 use crate::stacking::{Stack, relative_velocity};
 
 /// Overlap that is left alone, as a share of the smaller body's bounding radius: 0.09 mm for a cube of 1 m.
@@ -32,8 +32,24 @@ const SWEEPS: Settings = Settings {
     threads: 1,
 };
 
+/// No more sweeps than the step itself may take, by as many threads: a world of fifty sweeps a step has no time for more.
+fn settings(effort: Option<&Effort>) -> Settings {
+    match effort.map(|effort| &effort.method) {
+        Some(Method::Sweeps(own)) => Settings {
+            max_sweeps: SWEEPS.max_sweeps.min(own.max_sweeps),
+            threads: own.threads,
+            ..SWEEPS
+        },
+        Some(Method::Exact { threads, .. }) => Settings {
+            threads: *threads,
+            ..SWEEPS
+        },
+        None => SWEEPS,
+    }
+}
+
 /// The velocities, for this step's poses only, that take out overlap after a step that moves the bodies at `velocities`;
-/// None where no contact overlaps by more than is left alone.
+/// None where no contact overlaps by more than is left alone. `effort` is what the core takes the step with.
 pub fn position_shift(
     bodies: &Bodies,
     contacts: &[Contact],
@@ -41,6 +57,7 @@ pub fn position_shift(
     poses: &[Pose],
     velocities: &[Twist],
     time_step: f64,
+    effort: Option<&Effort>,
 ) -> Option<Vec<Twist>> {
     let ends = contacts.iter().map(|contact| {
         let closing = relative_velocity(bodies, contact, poses, velocities).dot(contact.frame[0]);
@@ -61,7 +78,7 @@ pub fn position_shift(
     }
     let program = &Program::Normal;
     let system = stack.system_with(&asked);
-    let answer = sweep(system, program, &SWEEPS, None, &|| false)?;
+    let answer = sweep(system, program, &settings(effort), None, &|| false)?;
     let mut shift = Vec::new();
     stack.velocity_change(&answer.impulse, &mut shift);
     Some(shift)

@@ -17,7 +17,7 @@
 //! contact*, ACM Transactions on Graphics 34 (2015); B. O'Donoghue, E. Candès, *Adaptive restart for accelerated gradient
 //! schemes*, Foundations of Computational Mathematics 15 (2015). Departures: (1) a sweep stands for the projected gradient
 //! step; (2) directions are compared with the weights d_i, so that they have no unit of their own. Measured against the
-//! alternatives by `python -m benchmarks.acceleration`.
+//! alternatives by `python -m benchmarks run acceleration`.
 
 use std::time::{Duration, Instant};
 
