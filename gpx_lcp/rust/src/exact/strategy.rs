@@ -75,7 +75,7 @@ impl Report {
 enum Stage {
     /// The active-set method from the best point, while it gets on.
     ActiveSet,
-    /// Gauss-Seidel from rest, while it promises to be cheaper than so many Newton steps.
+    /// Gauss-Seidel from where the solve began, while it promises to be cheaper than so many Newton steps.
     Sweeps(f64),
     /// Proximal Newton from the best point while it is easy.
     Probe,
@@ -121,11 +121,13 @@ pub fn solve(problem: &Problem, method: Method, limits: &Limits, start: Option<&
     let mut run = Run {
         problem,
         system: None,
+        start: best.impulse.clone(),
         here: best.impulse.clone(),
         trust: COLD_TRUST,
     };
     if let Some(start) = start {
-        run.here = problem.from_caller(start);
+        run.start = problem.from_caller(start);
+        run.here.clone_from(&run.start);
         run.trust = WARM_TRUST;
         let residual = problem.residual(&run.here);
         best.offer(0, &run.here, residual);
@@ -138,7 +140,6 @@ pub fn solve(problem: &Problem, method: Method, limits: &Limits, start: Option<&
             break;
         }
         let skipped = match stage {
-            Stage::Sweeps(_) => start.is_some(),
             // Problem files come as A: their contacts are seldom at rest, and the steps would be wasted.
             Stage::ActiveSet => start.is_none() && matches!(problem.operator, Operator::Impulse(_)),
             _ => false,
@@ -207,6 +208,8 @@ struct Run<'a> {
     problem: &'a Problem,
     /// Analysed when first needed.
     system: Option<NewtonSystem<'a>>,
+    /// Where the solve began: at rest, or at the caller's impulses.
+    start: Vec<Vector>,
     /// Where the next stage begins, if it can begin anywhere.
     here: Vec<Vector>,
     trust: f64,
@@ -221,8 +224,9 @@ impl<'a> Run<'a> {
     fn stage(&mut self, stage: Stage, limits: &Limits, found: &mut Best) -> usize {
         let problem = self.problem;
         if let Stage::Sweeps(steps) = stage {
+            let start = std::mem::take(&mut self.start);
             let most = || steps * self.system().sweeps_per_step();
-            gauss_seidel(problem, limits, most, found);
+            gauss_seidel(problem, &start, limits, most, found);
             return 0;
         }
         let here = self.here.clone();

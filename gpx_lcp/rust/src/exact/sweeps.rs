@@ -3,6 +3,8 @@
 //! Where contacts hardly influence each other, twenty sweeps reach 1e-8 and cost less than one factorisation. The rate at
 //! which the residual falls tells how many more are needed; it is read again each time their number has doubled.
 
+use std::array::from_fn;
+
 use crate::contact::Law;
 use crate::delassus::{BlockRows, Delassus};
 use crate::explicit::Explicit;
@@ -22,29 +24,30 @@ const CHEAP: f64 = 60.0;
 /// More sweeps than that are never worth asking what a Newton step costs.
 const HOPELESS: f64 = 2000.0;
 
-/// Sweeps from rest and offers the result to `best`; `most` tells how many sweeps may at most be needed. It is asked only
+/// Sweeps from `start` and offers the result to `best`; `most` tells how many sweeps may at most be needed. It is asked only
 /// when the first sweeps look promising.
 pub fn gauss_seidel(
     problem: &Problem,
+    start: &[Vector],
     limits: &Limits,
     most: impl FnOnce() -> f64,
     best: &mut Best,
 ) {
     match &problem.operator {
         Operator::Impulse(a) => match a.height {
-            1 => explicit::<1>(a, problem, limits, most, best),
-            2 => explicit::<2>(a, problem, limits, most, best),
-            _ => explicit::<3>(a, problem, limits, most, best),
+            1 => explicit::<1>(a, problem, start, limits, most, best),
+            2 => explicit::<2>(a, problem, start, limits, most, best),
+            _ => explicit::<3>(a, problem, start, limits, most, best),
         },
         Operator::Velocity(factor) => match (factor.height, factor.width) {
-            (1, 1) => factored::<1, 1>(factor, problem, limits, most, best),
-            (1, 2) => factored::<1, 2>(factor, problem, limits, most, best),
-            (1, 3) => factored::<1, 3>(factor, problem, limits, most, best),
-            (1, 6) => factored::<1, 6>(factor, problem, limits, most, best),
-            (2, 2) => factored::<2, 2>(factor, problem, limits, most, best),
-            (2, 3) => factored::<2, 3>(factor, problem, limits, most, best),
-            (3, 3) => factored::<3, 3>(factor, problem, limits, most, best),
-            (3, 6) => factored::<3, 6>(factor, problem, limits, most, best),
+            (1, 1) => factored::<1, 1>(factor, problem, start, limits, most, best),
+            (1, 2) => factored::<1, 2>(factor, problem, start, limits, most, best),
+            (1, 3) => factored::<1, 3>(factor, problem, start, limits, most, best),
+            (1, 6) => factored::<1, 6>(factor, problem, start, limits, most, best),
+            (2, 2) => factored::<2, 2>(factor, problem, start, limits, most, best),
+            (2, 3) => factored::<2, 3>(factor, problem, start, limits, most, best),
+            (3, 3) => factored::<3, 3>(factor, problem, start, limits, most, best),
+            (3, 6) => factored::<3, 6>(factor, problem, start, limits, most, best),
             // Any other shape of body is rare enough to go without.
             _ => {}
         },
@@ -54,6 +57,7 @@ pub fn gauss_seidel(
 fn explicit<const R: usize>(
     a: &BlockMatrix,
     problem: &Problem,
+    start: &[Vector],
     limits: &Limits,
     most: impl FnOnce() -> f64,
     best: &mut Best,
@@ -62,33 +66,35 @@ fn explicit<const R: usize>(
     let columns: Vec<i64> = a.columns.iter().map(|&value| i64::from(value)).collect();
     let rows = BlockRows::new(&starts, &columns, &a.values, a.block_columns)
         .expect("a block matrix has been checked");
-    with_law::<R, _>(Explicit::new(rows), problem, limits, most, best);
+    with_law::<R, _>(Explicit::new(rows), problem, start, limits, most, best);
 }
 
 fn factored<const R: usize, const D: usize>(
     factor: &BlockMatrix,
     problem: &Problem,
+    start: &[Vector],
     limits: &Limits,
     most: impl FnOnce() -> f64,
     best: &mut Best,
 ) {
     // Contacts of more than two bodies are rare enough to go without, too.
     if let Some(delassus) = Factored::<R, D>::new(factor) {
-        with_law::<R, _>(delassus, problem, limits, most, best);
+        with_law::<R, _>(delassus, problem, start, limits, most, best);
     }
 }
 
 fn with_law<const R: usize, A: Delassus<R>>(
     delassus: A,
     problem: &Problem,
+    start: &[Vector],
     limits: &Limits,
     most: impl FnOnce() -> f64,
     best: &mut Best,
 ) {
     if problem.coupled {
-        sweep(delassus, &Coulomb, problem, limits, most, best);
+        sweep(delassus, &Coulomb, problem, start, limits, most, best);
     } else {
-        sweep(delassus, &ConvexCone, problem, limits, most, best);
+        sweep(delassus, &ConvexCone, problem, start, limits, most, best);
     }
 }
 
@@ -96,6 +102,7 @@ fn sweep<const R: usize, A: Delassus<R>, L: Law<R>>(
     delassus: A,
     law: &L,
     problem: &Problem,
+    start: &[Vector],
     limits: &Limits,
     most: impl FnOnce() -> f64,
     best: &mut Best,
@@ -103,7 +110,7 @@ fn sweep<const R: usize, A: Delassus<R>, L: Law<R>>(
     let target: Vec<[f64; R]> = problem
         .b
         .iter()
-        .map(|vector| std::array::from_fn(|r| vector[r]))
+        .map(|vector| from_fn(|r| vector[r]))
         .collect();
     let asked = Sweeping {
         target: &target,
@@ -125,7 +132,7 @@ fn sweep<const R: usize, A: Delassus<R>, L: Law<R>>(
         budget: f64::INFINITY,
         next: TRIAL,
     };
-    let start = vec![[0.0; R]; target.len()];
+    let start: Vec<[f64; R]> = start.iter().map(|p| from_fn(|r| p[r])).collect();
     let outcome = solve_while(
         &delassus,
         law,
