@@ -32,20 +32,14 @@ const SWEEPS: Settings = Settings {
     threads: 1,
 };
 
-/// No more sweeps than the step itself may take, by as many threads: a world of fifty sweeps a step has no time for more.
+/// By as many threads as the step itself takes.
 fn settings(effort: Option<&Effort>) -> Settings {
-    match effort.map(|effort| &effort.method) {
-        Some(Method::Sweeps(own)) => Settings {
-            max_sweeps: SWEEPS.max_sweeps.min(own.max_sweeps),
-            threads: own.threads,
-            ..SWEEPS
-        },
-        Some(Method::Exact { threads, .. }) => Settings {
-            threads: *threads,
-            ..SWEEPS
-        },
-        None => SWEEPS,
-    }
+    let threads = match effort.map(|effort| &effort.method) {
+        Some(Method::Sweeps(own)) => own.threads,
+        Some(Method::Exact { threads, .. }) => *threads,
+        None => SWEEPS.threads,
+    };
+    Settings { threads, ..SWEEPS }
 }
 
 /// The velocities, for this step's poses only, that take out overlap after a step that moves the bodies at `velocities`;
