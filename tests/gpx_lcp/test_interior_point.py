@@ -22,7 +22,7 @@ def test_tower_of_thirty_cubes_carries_the_weight_above(bricks, formulation):
 
 
 def test_tall_towers_with_random_velocities_are_solved_around_the_folds_of_their_paths():
-    """One tower in a few takes some hundred steps; without going around folds most of them do."""
+    """One tower in a hundred takes more than 150 steps; without going around folds, or through kinks, many do."""
     rest = gpx.World(gpx.scenes.tower(300), 1 / 240).system()
     steps = []
     for seed in range(10):
@@ -33,6 +33,7 @@ def test_tall_towers_with_random_velocities_are_solved_around_the_folds_of_their
         assert solution.status is gpx.Status.SOLVED
         steps.append(solution.iterations)
     assert np.median(steps) <= 100
+    assert np.sort(steps)[-2] <= 150
 
 
 @pytest.mark.parametrize("ratio", [1e3, 1e6])

@@ -240,7 +240,8 @@ impl<'a> Run<'a> {
                     trust,
                     inner_steps: 4,
                     only_while_easy: true,
-                    patience: usize::MAX,
+                    // Where there is no solution, it stays easy for ever.
+                    patience: 40,
                 };
                 proximal_newton(problem, system, limits, &here, effort, found)
             }

@@ -182,3 +182,31 @@ impl Point {
         ]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_that_end_on_either_side_in_turn_are_at_a_kink() {
+        let mut fold = Fold::new();
+        let signs = [-1.0, 1.0, -1.0, 1.0, -1.0, 1.0];
+        let stuck: Vec<bool> = signs.map(|sign| fold.at_kink(0.5, sign)).to_vec();
+        assert_eq!(stuck, [false, false, true, false, false, true]);
+    }
+
+    #[test]
+    fn a_fold_is_no_kink() {
+        let mut fold = Fold::new();
+        for sign in [1.0, -1.0, -1.0, -1.0, 1.0, 1.0] {
+            assert!(!fold.at_kink(0.5, sign));
+        }
+    }
+
+    #[test]
+    fn steps_that_are_blocked_are_at_a_kink() {
+        let mut fold = Fold::new();
+        let stuck = [0.01, 0.2, 0.01, 0.01].map(|length| fold.at_kink(length, 1.0));
+        assert_eq!(stuck, [false, false, false, true]);
+    }
+}
