@@ -17,13 +17,15 @@ from gpx_lcp.errors import BackendMissing, ProblemError, SettingsError
 from gpx_lcp.solution import Solution, Status
 from gpx_lcp.solvers import Outcome, Request, Solver, solvers
 
-# What runs where only a formulation is named: from nothing, and from a warm start. Measured on 33 problem files with
-# fewer than 2000 contacts and on 12 towers and walls, at rest and at random velocities, to 1e-4, 1e-8 and 1e-10:
+# What runs where only a formulation is named: from nothing, and from a warm start. Measured on 32 problem files with
+# fewer than 2000 contacts and on 11 towers and walls, at rest and at random velocities, to 1e-4, 1e-8 and 1e-10:
 #
 #   from nothing  interior_point, whose sweeps solve by themselves what is loosely coupled. Wall time against the
-#                 quickest of newton, interior_point without sweeps, and pgs in each of the 135 cases: at most 2.2, but
-#                 3.5 for one file of sliding grains to 1e-8 (pgs). newton is up to 1.7 times quicker on tall towers and
-#                 up to 4 times slower on walls at rest; pgs alone fails on most of what is tall or wide.
+#                 quickest of newton, interior_point without presolve, and pgs in each of 129 cases: above 2 in 9 of
+#                 them, at most 4.9. These are pgs's: capsules, single objects and grains to 1e-4, small towers and
+#                 walls at random velocities. Counting its sweeps cheaper in the choice leaves 6 above 2, but sweeps do
+#                 not share an arch's indeterminate loads evenly, so that it was not kept. newton is up to twice as
+#                 quick on walls at rest; pgs alone fails on most of what is tall or wide.
 #   warm start    newton: no factorisation where the start is still a solution, and a few near it.
 PREFERRED: Final[Mapping[str, tuple[str, str]]] = {
     "normal": ("interior_point", "newton"),
