@@ -1,11 +1,12 @@
 //! Threads that share the work of one colour after the other.
 //!
 //! A colour of some thousand contacts takes ten microseconds: less than it takes to wake a sleeping thread, so that the
-//! helpers of a solve stay awake and look for work. Whoever is free takes the next piece. A helper that the system has
-//! put aside for a while is then not waited for, unless it has a piece in hand.
+//! helpers of a solve stay awake and look for work. Each thread has a share of its own, the same stretch of pieces in
+//! every job, so that what it works on stays in its cache; whoever is done with that takes from the others. A helper that
+//! the system has put aside for a while is then not waited for, unless it has a piece in hand.
 
 use std::cell::UnsafeCell;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::thread;
 
 /// Turns of waiting before a thread lets others run.
@@ -16,14 +17,22 @@ type Job<'a> = dyn Fn(usize) + Sync + 'a;
 /// The threads of one solve, this one included.
 pub struct Team {
     size: usize,
-    /// The number of pieces of the present job in the high half, and of those that have been taken in the low half.
-    pieces: AtomicU64,
-    done: AtomicU64,
+    /// One for each thread.
+    shares: Vec<Share>,
+    /// Pieces of the present job.
+    pieces: AtomicUsize,
+    done: AtomicUsize,
     job: UnsafeCell<Option<*const Job<'static>>>,
     /// There will be no more jobs.
     over: AtomicBool,
     broken: AtomicBool,
 }
+
+/// The number of pieces of a share in the high half, and of those that have been taken in the low half. Each on cache
+/// lines of its own.
+#[derive(Default)]
+#[repr(align(128))]
+struct Share(AtomicU64);
 
 // SAFETY: `job` is written only while no piece is left to take or in hand, and read only by who has taken one.
 unsafe impl Sync for Team {}
@@ -33,8 +42,9 @@ impl Team {
     pub fn with<T>(size: usize, body: impl FnOnce(&Team) -> T) -> T {
         let team = Team {
             size,
-            pieces: AtomicU64::new(0),
-            done: AtomicU64::new(0),
+            shares: (0..size).map(|_| Share::default()).collect(),
+            pieces: AtomicUsize::new(0),
+            done: AtomicUsize::new(0),
             job: UnsafeCell::new(None),
             over: AtomicBool::new(false),
             broken: AtomicBool::new(false),
@@ -43,11 +53,12 @@ impl Team {
             return body(&team);
         }
         thread::scope(|scope| {
-            for _ in 1..size {
-                scope.spawn(|| team.help());
+            let team = &team;
+            for thread in 1..size {
+                scope.spawn(move || team.help(thread));
             }
             let _end = Raised(&team.over);
-            body(&team)
+            body(team)
         })
     }
 
@@ -62,10 +73,14 @@ impl Team {
             *self.job.get() = Some(std::mem::transmute::<*const Job, *const Job<'static>>(job))
         };
         self.done.store(0, Ordering::Relaxed);
-        self.pieces.store((pieces as u64) << 32, Ordering::Release);
-        while self.take_piece() {}
+        self.pieces.store(pieces, Ordering::Relaxed);
+        for (thread, share) in self.shares.iter().enumerate() {
+            let length = self.begin(thread + 1, pieces) - self.begin(thread, pieces);
+            share.0.store((length as u64) << 32, Ordering::Release);
+        }
+        while self.take_piece(0) {}
         let mut waiting = Waiting::default();
-        while self.done.load(Ordering::Acquire) < pieces as u64 {
+        while self.done.load(Ordering::Acquire) < pieces {
             assert!(
                 !self.broken.load(Ordering::Acquire),
                 "a thread of the team has panicked"
@@ -74,10 +89,15 @@ impl Team {
         }
     }
 
-    fn help(&self) {
+    /// The first piece of a thread's share.
+    fn begin(&self, thread: usize, pieces: usize) -> usize {
+        thread * pieces / self.size
+    }
+
+    fn help(&self, thread: usize) {
         let mut waiting = Waiting::default();
         while !self.over.load(Ordering::Acquire) {
-            if left(self.pieces.load(Ordering::Relaxed)) && self.take_piece() {
+            if self.take_piece(thread) {
                 waiting = Waiting::default();
             } else {
                 waiting.turn();
@@ -85,14 +105,24 @@ impl Team {
         }
     }
 
-    /// Do one piece, if any is left.
-    fn take_piece(&self) -> bool {
+    /// Do one piece, of this thread's share or else of the next one that has any left.
+    fn take_piece(&self, thread: usize) -> bool {
+        (0..self.size).any(|turn| self.take_piece_of((thread + turn) % self.size))
+    }
+
+    fn take_piece_of(&self, thread: usize) -> bool {
+        let share = &self.shares[thread].0;
+        if !left(share.load(Ordering::Relaxed)) {
+            return false;
+        }
         // Read and counted at once: the piece belongs to the job whose number of pieces was read.
-        let before = self.pieces.fetch_add(1, Ordering::AcqRel);
+        let before = share.fetch_add(1, Ordering::AcqRel);
         if !left(before) {
             return false;
         }
-        let number = (before & u64::from(u32::MAX)) as usize;
+        // The number of all pieces was set before those of the share, and stays until this piece is done.
+        let begin = self.begin(thread, self.pieces.load(Ordering::Relaxed));
+        let number = begin + (before & u64::from(u32::MAX)) as usize;
         let guard = Breakage(&self.broken);
         // SAFETY: the job was set before its pieces were offered, and is kept until this one is done.
         unsafe {
