@@ -228,12 +228,9 @@ impl Part {
     #[inline(always)]
     fn add_blocks(&mut self, view: &View, local: &LocalBodies) -> Option<()> {
         let rows = self.rows;
-        let (order, ends) = members(&self.shares, self.friction.len());
+        let groups = Groups::of(&self.shares, self.friction.len());
         let mut sum = vec![0.0; rows * view.width];
-        let mut begin = 0;
-        for &end in &ends {
-            let members = &order[begin..end];
-            begin = end;
+        for members in groups.iter() {
             let first = self.contacts[members[0] as usize];
             for (slot, &body) in view.bodies_of(first).iter().enumerate() {
                 sum.fill(0.0);
@@ -271,11 +268,8 @@ impl Part {
     #[inline(always)]
     fn project_blocks(&mut self, view: &View, bases: &[Basis], local: &LocalBodies) -> Option<()> {
         let (rows, width) = (self.rows, self.matrix.width);
-        let (order, ends) = members(&self.shares, self.friction.len());
-        let mut begin = 0;
-        for &end in &ends {
-            let members = &order[begin..end];
-            begin = end;
+        let groups = Groups::of(&self.shares, self.friction.len());
+        for members in groups.iter() {
             let first = self.contacts[members[0] as usize];
             for (slot, &body) in view.bodies_of(first).iter().enumerate() {
                 let mut sum = [[0.0; LARGEST]; 3];
@@ -555,23 +549,42 @@ impl Share {
     }
 }
 
-/// Indices of shares, group by group, and where each group ends.
-pub fn members(shares: &[Share], groups: usize) -> (Vec<u32>, Vec<usize>) {
-    let mut ends = vec![0; groups];
-    for share in shares {
-        ends[share.group as usize] += 1;
+/// Shares by their groups.
+pub struct Groups {
+    /// Indices of shares, group by group.
+    order: Vec<u32>,
+    /// Where each group ends.
+    ends: Vec<usize>,
+}
+
+impl Groups {
+    pub fn of(shares: &[Share], groups: usize) -> Self {
+        let mut ends = vec![0; groups];
+        for share in shares {
+            ends[share.group as usize] += 1;
+        }
+        let mut sum = 0;
+        for end in &mut ends {
+            (sum, *end) = (sum + *end, sum);
+        }
+        let mut order = vec![0; shares.len()];
+        for (index, share) in shares.iter().enumerate() {
+            let place = &mut ends[share.group as usize];
+            order[*place] = index as u32;
+            *place += 1;
+        }
+        Self { order, ends }
     }
-    let mut sum = 0;
-    for end in &mut ends {
-        (sum, *end) = (sum + *end, sum);
+
+    /// The indices of the shares of each group.
+    pub fn iter(&self) -> impl Iterator<Item = &[u32]> {
+        let mut begin = 0;
+        self.ends.iter().map(move |&end| {
+            let members = &self.order[begin..end];
+            begin = end;
+            members
+        })
     }
-    let mut order = vec![0; shares.len()];
-    for (index, share) in shares.iter().enumerate() {
-        let place = &mut ends[share.group as usize];
-        order[*place] = index as u32;
-        *place += 1;
-    }
-    (order, ends)
 }
 
 #[inline(always)]

@@ -10,7 +10,7 @@
 //! The weights of m contacts at y_i along e, from the plane through the body's centre of mass, are the smallest with Σ w = 1,
 //! Σ w y = 0: w_i = (Σ y² − y_i Σ y) / (m Σ y² − (Σ y)²), equal ones where the contacts lie symmetrically.
 
-use super::lift::{Basis, Columns, LARGEST, Model, Proposal, Share, members, size, within};
+use super::lift::{Basis, Columns, Groups, LARGEST, Model, Proposal, Share, size, within};
 use super::local_bodies::LocalBodies;
 use super::{ROUNDING, View};
 
@@ -202,11 +202,8 @@ impl Frames<'_> {
         }
         let rows = if frictionless { 1 } else { 2 };
         let mut turning = vec![(0.0, [0.0; 3]); local.count()];
-        let (order, ends) = members(shares, groups);
-        let mut begin = 0;
-        for &end in &ends {
-            let group = &order[begin..end];
-            begin = end;
+        let groups = Groups::of(shares, groups);
+        for group in groups.iter() {
             for (slot, &body) in view
                 .bodies_of(contacts[group[0] as usize])
                 .iter()
