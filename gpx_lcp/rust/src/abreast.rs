@@ -64,33 +64,25 @@ pub struct Abreast<'a, const R: usize, const D: usize, L: Law<R>> {
     states: Vec<State>,
     /// w = Ĵᵀ x.
     states_before: Vec<State>,
-    /// A number that each visit is asked for, so that their sum does not depend on who found them.
-    numbers: Vec<f64>,
-    /// x and y of `Sweeper::agreement`, visit by visit.
+    /// Numbers that each batch is asked for, so that their sum does not depend on who found them.
+    numbers: Vec<Oct>,
+    /// x of `Sweeper::sweep`, visit by visit.
     before: Vec<[Oct; R]>,
-    start: Vec<[Oct; R]>,
 }
 
 /// What a team does with all visits, or all states.
 #[derive(Clone, Copy)]
 enum Task {
-    Sweep {
-        relaxation: f64,
-    },
+    /// Take the steps, and find d (p - y)·(p - x).
+    Sweep { relaxation: f64 },
     /// Add Ĵᵀ p to the states, and Ĵᵀ x to those before.
     Gather,
     /// Find the squares of the natural map.
     Judge,
-    /// Find d (p - y)·(p - x).
-    Agree,
     /// Go on from w + β (w - Ĵᵀ x), which is x from now on.
-    Carry {
-        beta: f64,
-    },
+    Carry { beta: f64 },
     /// Go on from p + β (p - x), brought to the law, in the states that have been carried on.
-    Extrapolate {
-        beta: f64,
-    },
+    Extrapolate { beta: f64 },
 }
 
 /// What the threads of a team write to: each its own visits, and in one colour its own bodies.
@@ -104,9 +96,8 @@ struct Work<'a, const R: usize, const D: usize, L: Law<R>> {
     locals: *mut L::Local,
     states: *mut State,
     states_before: *mut State,
-    numbers: *mut f64,
+    numbers: *mut Oct,
     before: *mut [Oct; R],
-    start: *mut [Oct; R],
 }
 
 // SAFETY: no batch is in two pieces, batches of one colour share no body (colouring) and no other slot, and a team is done
@@ -131,7 +122,6 @@ impl<'a, const R: usize, const D: usize, L: Law<R>> Abreast<'a, R, D, L> {
             states_before: Vec::new(),
             numbers: Vec::new(),
             before: Vec::new(),
-            start: Vec::new(),
         }
     }
 
@@ -163,9 +153,8 @@ impl<'a, const R: usize, const D: usize, L: Law<R>> Abreast<'a, R, D, L> {
         self.locals.resize_with(LANES * visits, L::Local::default);
         self.states.resize(states, State::default());
         self.states_before.resize(states, State::default());
-        self.numbers.resize(visits, 0.0);
+        self.numbers.resize(self.batches.len(), Oct::default());
         self.before = self.visits.iter().map(|visit| visit.impulse).collect();
-        self.start = self.before.clone();
     }
 
     fn perform(&mut self, task: Task, team: &Team) {
@@ -182,7 +171,6 @@ impl<'a, const R: usize, const D: usize, L: Law<R>> Abreast<'a, R, D, L> {
             states_before: self.states_before.as_mut_ptr(),
             numbers: self.numbers.as_mut_ptr(),
             before: self.before.as_mut_ptr(),
-            start: self.start.as_mut_ptr(),
         };
         if let Task::Carry { .. } = task {
             team.run(states.div_ceil(STATES), &|piece| {
@@ -196,7 +184,7 @@ impl<'a, const R: usize, const D: usize, L: Law<R>> Abreast<'a, R, D, L> {
     }
 
     fn sum(&self) -> f64 {
-        self.numbers.iter().sum()
+        self.numbers.iter().flat_map(|numbers| numbers.0).sum()
     }
 }
 
@@ -242,50 +230,39 @@ impl<const R: usize, const D: usize, L: Law<R>> Work<'_, R, D, L> {
         if let Task::Carry { beta } = task {
             return self.carry::<V>(part, beta);
         }
-        let batches = &self.batches[part];
-        match task {
-            Task::Sweep { relaxation } => {
-                for batch in batches {
-                    self.visit::<V>(batch, relaxation);
-                }
+        for number in part {
+            let batch = &self.batches[number];
+            match task {
+                Task::Sweep { relaxation } => self.visit::<V>(number, batch, relaxation),
+                Task::Gather => self.gather::<V>(batch),
+                Task::Judge => self.judge::<V>(number, batch),
+                Task::Extrapolate { beta } => self.extrapolate::<V>(batch, beta),
+                Task::Carry { .. } => {}
             }
-            Task::Gather => {
-                for batch in batches {
-                    self.gather::<V>(batch);
-                }
-            }
-            Task::Judge => {
-                for batch in batches {
-                    self.judge::<V>(batch);
-                }
-            }
-            Task::Agree => {
-                for batch in batches {
-                    self.agree::<V>(batch);
-                }
-            }
-            Task::Extrapolate { beta } => {
-                for batch in batches {
-                    self.extrapolate::<V>(batch, beta);
-                }
-            }
-            Task::Carry { .. } => {}
         }
     }
 
     #[inline(always)]
-    fn visit<V: EightLanes>(&self, batch: &Batch, relaxation: f64) {
+    fn visit<V: EightLanes>(&self, number: usize, batch: &Batch, relaxation: f64) {
         let mut states = self.load::<V>(self.states, batch);
+        let mut agreement = V::splat(0.0);
         for at in batch.visits.clone() {
-            // SAFETY: visits and locals of this batch are this thread's.
-            let visit = unsafe { &mut *self.visits.add(at) };
+            // SAFETY: visits, locals and `before` of this batch are this thread's, and so is its number.
+            let (visit, before) = unsafe { (&mut *self.visits.add(at), &*self.before.add(at)) };
             let locals =
                 unsafe { std::slice::from_raw_parts_mut(self.locals.add(LANES * at), LANES) };
             let velocity = self.velocity(at, visit, &states);
             let change = visit.visit::<L, V>(self.law, locals, &velocity, relaxation);
             self.add(at, &change, &mut states);
+            let mut sum = V::splat(0.0);
+            for r in 0..R {
+                let way = V::load(&visit.impulse[r]) - V::load(&before[r]);
+                sum = sum.plus_product(change[r], way);
+            }
+            agreement = agreement.plus_product(V::load(&visit.scale), sum);
         }
         self.store(self.states, batch, &states);
+        agreement.store(unsafe { &mut *self.numbers.add(number) });
     }
 
     #[inline(always)]
@@ -309,8 +286,9 @@ impl<const R: usize, const D: usize, L: Law<R>> Work<'_, R, D, L> {
     }
 
     #[inline(always)]
-    fn judge<V: EightLanes>(&self, batch: &Batch) {
+    fn judge<V: EightLanes>(&self, number: usize, batch: &Batch) {
         let states = self.load::<V>(self.states, batch);
+        let mut sums = Oct::default();
         for at in batch.visits.clone() {
             // SAFETY: as above; nobody writes to a state meanwhile.
             let visit = unsafe { &*self.visits.add(at) };
@@ -327,41 +305,14 @@ impl<const R: usize, const D: usize, L: Law<R>> Work<'_, R, D, L> {
             }
             let mut squares = Oct::default();
             square.store(&mut squares);
-            let mut sum = 0.0;
             for lane in 0..LANES {
+                // Rows that are shared move in lanes without a contact, too.
                 if self.contacts[at][lane] != NONE {
-                    sum += squares.0[lane];
+                    sums.0[lane] += squares.0[lane];
                 }
             }
-            unsafe { *self.numbers.add(at) = sum };
         }
-    }
-
-    #[inline(always)]
-    fn agree<V: EightLanes>(&self, batch: &Batch) {
-        for at in batch.visits.clone() {
-            // SAFETY: as above, and so are the entries of `before` and `start`.
-            let (visit, before, start) = unsafe {
-                (
-                    &*self.visits.add(at),
-                    &*self.before.add(at),
-                    &*self.start.add(at),
-                )
-            };
-            let mut sum = V::splat(0.0);
-            for r in 0..R {
-                let p = V::load(&visit.impulse[r]);
-                let (step, way) = (p - V::load(&start[r]), p - V::load(&before[r]));
-                sum = sum.plus_product(step, way);
-            }
-            let mut sums = Oct::default();
-            (sum * V::load(&visit.scale)).store(&mut sums);
-            let mut total = 0.0;
-            for lane in 0..LANES {
-                total += sums.0[lane];
-            }
-            unsafe { *self.numbers.add(at) = total };
-        }
+        unsafe { *self.numbers.add(number) = sums };
     }
 
     #[inline(always)]
@@ -381,13 +332,7 @@ impl<const R: usize, const D: usize, L: Law<R>> Work<'_, R, D, L> {
     fn extrapolate<V: EightLanes>(&self, batch: &Batch, beta: f64) {
         for at in batch.visits.clone() {
             // SAFETY: as above.
-            let (visit, before, start) = unsafe {
-                (
-                    &mut *self.visits.add(at),
-                    &mut *self.before.add(at),
-                    &mut *self.start.add(at),
-                )
-            };
+            let (visit, before) = unsafe { (&mut *self.visits.add(at), &mut *self.before.add(at)) };
             let mut further = [V::splat(0.0); R];
             for r in 0..R {
                 let p = V::load(&visit.impulse[r]);
@@ -400,7 +345,6 @@ impl<const R: usize, const D: usize, L: Law<R>> Work<'_, R, D, L> {
             if !V::all(self.law.contains(V::load(&visit.friction), &further)) {
                 self.bring_back(batch, at, visit, &further);
             }
-            *start = visit.impulse;
         }
     }
 
@@ -527,8 +471,9 @@ impl<const R: usize, const D: usize, L: Law<R>> Sweeper<R> for Abreast<'_, R, D,
         self.colours.iter().map(Vec::len).max().unwrap_or(1)
     }
 
-    fn sweep(&mut self, team: &Team, relaxation: f64) {
+    fn sweep(&mut self, team: &Team, relaxation: f64) -> f64 {
         self.perform(Task::Sweep { relaxation }, team);
+        self.sum()
     }
 
     fn residual(&mut self, team: &Team) -> f64 {
@@ -548,11 +493,6 @@ impl<const R: usize, const D: usize, L: Law<R>> Sweeper<R> for Abreast<'_, R, D,
             }
         }
         impulse
-    }
-
-    fn agreement(&mut self, team: &Team) -> f64 {
-        self.perform(Task::Agree, team);
-        self.sum()
     }
 
     fn extrapolate(&mut self, team: &Team, beta: f64) {

@@ -169,8 +169,9 @@ pub trait Sweeper<const R: usize> {
     /// How many threads can find work at the same time, at least one.
     fn threads(&self) -> usize;
 
-    /// Take `relaxation` times the exact step at every contact.
-    fn sweep(&mut self, team: &Team, relaxation: f64);
+    /// Take `relaxation` times the exact step at every contact; returns Σ d_i (p - y)_i · (p - x)_i, with p the impulses
+    /// after it, y those before it, and x those from which the last extrapolation went on.
+    fn sweep(&mut self, team: &Team, relaxation: f64) -> f64;
 
     /// ‖d p - P(d p - û)‖, m/s, of the whole problem; also clears the rounding that the changes have left in w = Ĵᵀ p.
     fn residual(&mut self, team: &Team) -> f64;
@@ -178,11 +179,7 @@ pub trait Sweeper<const R: usize> {
     /// The impulses in the order of the system.
     fn impulse(&self) -> Vec<Vector<R>>;
 
-    /// Σ d_i (p - y)_i · (p - x)_i, with p the impulses now, y those from which the last sweep started, and x those at the
-    /// last extrapolation.
-    fn agreement(&mut self, team: &Team) -> f64;
-
-    /// Go on from p + β (p - x), brought to the law.
+    /// Go on from p + β (p - x), brought to the law; p is x from now on.
     fn extrapolate(&mut self, team: &Team, beta: f64);
 }
 

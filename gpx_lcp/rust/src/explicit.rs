@@ -57,7 +57,6 @@ impl<const R: usize> Delassus<R> for Explicit<R> {
             problem,
             contacts,
             before: impulse.clone(),
-            start: impulse.clone(),
             impulse,
         }
     }
@@ -77,14 +76,14 @@ struct Rows<'a, const R: usize, L: Law<R>> {
     contacts: Vec<Row<R, L::Local>>,
     /// By number in the system; zero where no impulse moves anything.
     impulse: Vec<Vector<R>>,
-    /// x and y of `Sweeper::agreement`.
+    /// x of `Sweeper::sweep`.
     before: Vec<Vector<R>>,
-    start: Vec<Vector<R>>,
 }
 
 impl<const R: usize, L: Law<R>> Rows<'_, R, L> {
+    /// Returns d (p - y)·(p - x).
     #[inline(always)]
-    fn visit(&mut self, k: usize, relaxation: f64) {
+    fn visit(&mut self, k: usize, relaxation: f64) -> f64 {
         let Row {
             index,
             contact,
@@ -92,8 +91,11 @@ impl<const R: usize, L: Law<R>> Rows<'_, R, L> {
         } = &mut self.contacts[k];
         let velocity = velocity(self.rows, &self.impulse, *index, &contact.free);
         let local = std::slice::from_mut(local);
-        contact.visit::<L, f64>(self.law, local, &velocity, relaxation);
+        let change = contact.visit::<L, f64>(self.law, local, &velocity, relaxation);
         self.impulse[*index] = contact.impulse;
+        let before = &self.before[*index];
+        let way = std::array::from_fn(|r| contact.impulse[r] - before[r]);
+        contact.scale * dot(&change, &way)
     }
 }
 
@@ -130,10 +132,12 @@ impl<const R: usize, L: Law<R>> Sweeper<R> for Rows<'_, R, L> {
         1
     }
 
-    fn sweep(&mut self, _team: &Team, relaxation: f64) {
+    fn sweep(&mut self, _team: &Team, relaxation: f64) -> f64 {
+        let mut sum = 0.0;
         for k in 0..self.contacts.len() {
-            self.visit(k, relaxation);
+            sum += self.visit(k, relaxation);
         }
+        sum
     }
 
     fn residual(&mut self, _team: &Team) -> f64 {
@@ -158,21 +162,6 @@ impl<const R: usize, L: Law<R>> Sweeper<R> for Rows<'_, R, L> {
         self.impulse.clone()
     }
 
-    fn agreement(&mut self, _team: &Team) -> f64 {
-        let mut sum = 0.0;
-        for Row { index, contact, .. } in &self.contacts {
-            let (p, x, y) = (
-                &self.impulse[*index],
-                &self.before[*index],
-                &self.start[*index],
-            );
-            for r in 0..R {
-                sum += contact.scale * (p[r] - y[r]) * (p[r] - x[r]);
-            }
-        }
-        sum
-    }
-
     fn extrapolate(&mut self, _team: &Team, beta: f64) {
         for Row { index, contact, .. } in &mut self.contacts {
             let p = self.impulse[*index];
@@ -181,7 +170,6 @@ impl<const R: usize, L: Law<R>> Sweeper<R> for Rows<'_, R, L> {
             contact.impulse = allowed(self.law, contact.friction, &further);
             self.before[*index] = p;
             self.impulse[*index] = contact.impulse;
-            self.start[*index] = contact.impulse;
         }
     }
 }

@@ -142,6 +142,7 @@ fn iterate<const R: usize>(
     let mut best = (f64::INFINITY, sweeper.impulse());
     let mut milestone = (0, f64::INFINITY);
     let mut momentum = Momentum::default();
+    let mut agreement = 0.0;
     let mut sweeps = 0;
     let stop = loop {
         if sweeps % CHECK_EVERY == 0 || sweeps == settings.max_sweeps {
@@ -189,10 +190,9 @@ fn iterate<const R: usize>(
             }
         }
         if settings.acceleration && sweeps > 0 {
-            let beta = momentum.beta(sweeper.agreement(team));
-            sweeper.extrapolate(team, beta);
+            sweeper.extrapolate(team, momentum.beta(agreement));
         }
-        sweeper.sweep(team, settings.relaxation);
+        agreement = sweeper.sweep(team, settings.relaxation);
         sweeps += 1;
     };
     let impulse = match stop {
