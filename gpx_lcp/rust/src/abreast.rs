@@ -8,7 +8,7 @@ use std::ops::Range;
 
 use crate::colouring::NONE;
 use crate::contact::{Contact, Law};
-use crate::delassus::{Sweeper, allowed};
+use crate::delassus::Sweeper;
 #[cfg(target_arch = "x86_64")]
 use crate::lanes::x86_64::{Pair, Wide};
 use crate::lanes::{EightLanes, LANES, Oct, Portable};
@@ -66,23 +66,21 @@ pub struct Abreast<'a, const R: usize, const D: usize, L: Law<R>> {
     states_before: Vec<State>,
     /// Numbers that each batch is asked for, so that their sum does not depend on who found them.
     numbers: Vec<Oct>,
-    /// x of `Sweeper::sweep`, visit by visit.
+    /// x, the impulses before the last sweep, visit by visit.
     before: Vec<[Oct; R]>,
 }
 
 /// What a team does with all visits, or all states.
 #[derive(Clone, Copy)]
 enum Task {
-    /// Take the steps, and find d (p - y)·(p - x).
-    Sweep { relaxation: f64 },
+    /// Take the steps from y = p + β (p - x), and find d (p' - y)·(p' - p), p' being where they lead.
+    Sweep { relaxation: f64, momentum: f64 },
     /// Add Ĵᵀ p to the states, and Ĵᵀ x to those before.
     Gather,
     /// Find the squares of the natural map.
     Judge,
     /// Go on from w + β (w - Ĵᵀ x), which is x from now on.
     Carry { beta: f64 },
-    /// Go on from p + β (p - x), brought to the law, in the states that have been carried on.
-    Extrapolate { beta: f64 },
 }
 
 /// What the threads of a team write to: each its own visits, and in one colour its own bodies.
@@ -233,30 +231,39 @@ impl<const R: usize, const D: usize, L: Law<R>> Work<'_, R, D, L> {
         for number in part {
             let batch = &self.batches[number];
             match task {
-                Task::Sweep { relaxation } => self.visit::<V>(number, batch, relaxation),
+                Task::Sweep {
+                    relaxation,
+                    momentum,
+                } => self.visit::<V>(number, batch, relaxation, momentum),
                 Task::Gather => self.gather::<V>(batch),
                 Task::Judge => self.judge::<V>(number, batch),
-                Task::Extrapolate { beta } => self.extrapolate::<V>(batch, beta),
                 Task::Carry { .. } => {}
             }
         }
     }
 
     #[inline(always)]
-    fn visit<V: EightLanes>(&self, number: usize, batch: &Batch, relaxation: f64) {
+    fn visit<V: EightLanes>(&self, number: usize, batch: &Batch, relaxation: f64, momentum: f64) {
         let mut states = self.load::<V>(self.states, batch);
         let mut agreement = V::splat(0.0);
         for at in batch.visits.clone() {
             // SAFETY: visits, locals and `before` of this batch are this thread's, and so is its number.
-            let (visit, before) = unsafe { (&mut *self.visits.add(at), &*self.before.add(at)) };
+            let (visit, before) = unsafe { (&mut *self.visits.add(at), &mut *self.before.add(at)) };
             let locals =
                 unsafe { std::slice::from_raw_parts_mut(self.locals.add(LANES * at), LANES) };
             let velocity = self.velocity(at, visit, &states);
+            let last = visit.impulse;
+            for r in 0..R {
+                let (p, x) = (V::load(&last[r]), V::load(&before[r]));
+                p.plus_product(V::splat(momentum), p - x)
+                    .store(&mut visit.impulse[r]);
+            }
+            *before = last;
             let change = visit.visit::<L, V>(self.law, locals, &velocity, relaxation);
             self.add(at, &change, &mut states);
             let mut sum = V::splat(0.0);
             for r in 0..R {
-                let way = V::load(&visit.impulse[r]) - V::load(&before[r]);
+                let way = V::load(&visit.impulse[r]) - V::load(&last[r]);
                 sum = sum.plus_product(change[r], way);
             }
             agreement = agreement.plus_product(V::load(&visit.scale), sum);
@@ -326,51 +333,6 @@ impl<const R: usize, const D: usize, L: Law<R>> Work<'_, R, D, L> {
                 .store(state);
             now.store(before);
         }
-    }
-
-    #[inline(always)]
-    fn extrapolate<V: EightLanes>(&self, batch: &Batch, beta: f64) {
-        for at in batch.visits.clone() {
-            // SAFETY: as above.
-            let (visit, before) = unsafe { (&mut *self.visits.add(at), &mut *self.before.add(at)) };
-            let mut further = [V::splat(0.0); R];
-            for r in 0..R {
-                let p = V::load(&visit.impulse[r]);
-                further[r] = p.plus_product(V::splat(beta), p - V::load(&before[r]));
-            }
-            *before = visit.impulse;
-            for r in 0..R {
-                further[r].store(&mut visit.impulse[r]);
-            }
-            if !V::all(self.law.contains(V::load(&visit.friction), &further)) {
-                self.bring_back(batch, at, visit, &further);
-            }
-        }
-    }
-
-    /// Bring the impulses of a visit to the law, and tell the states, which have been carried on with `further`.
-    #[inline(always)]
-    fn bring_back<V: EightLanes>(
-        &self,
-        batch: &Batch,
-        at: usize,
-        visit: &mut Contact<Oct, R>,
-        further: &[V; R],
-    ) {
-        for lane in 0..LANES {
-            let friction = visit.friction.0[lane];
-            let impulse = allowed(self.law, friction, &visit.impulse_in(lane));
-            for r in 0..R {
-                visit.impulse[r].0[lane] = impulse[r];
-            }
-        }
-        let mut change = *further;
-        for r in 0..R {
-            change[r] = V::load(&visit.impulse[r]) - further[r];
-        }
-        let mut states = self.load::<V>(self.states, batch);
-        self.add(at, &change, &mut states);
-        self.store(self.states, batch, &states);
     }
 
     /// An entry of a visit's rows, for all lanes.
@@ -471,8 +433,15 @@ impl<const R: usize, const D: usize, L: Law<R>> Sweeper<R> for Abreast<'_, R, D,
         self.colours.iter().map(Vec::len).max().unwrap_or(1)
     }
 
-    fn sweep(&mut self, team: &Team, relaxation: f64) -> f64 {
-        self.perform(Task::Sweep { relaxation }, team);
+    fn sweep(&mut self, team: &Team, relaxation: f64, momentum: f64) -> f64 {
+        self.perform(Task::Carry { beta: momentum }, team);
+        self.perform(
+            Task::Sweep {
+                relaxation,
+                momentum,
+            },
+            team,
+        );
         self.sum()
     }
 
@@ -493,10 +462,5 @@ impl<const R: usize, const D: usize, L: Law<R>> Sweeper<R> for Abreast<'_, R, D,
             }
         }
         impulse
-    }
-
-    fn extrapolate(&mut self, team: &Team, beta: f64) {
-        self.perform(Task::Carry { beta }, team);
-        self.perform(Task::Extrapolate { beta }, team);
     }
 }

@@ -169,18 +169,17 @@ pub trait Sweeper<const R: usize> {
     /// How many threads can find work at the same time, at least one.
     fn threads(&self) -> usize;
 
-    /// Take `relaxation` times the exact step at every contact; returns Σ d_i (p - y)_i · (p - x)_i, with p the impulses
-    /// after it, y those before it, and x those from which the last extrapolation went on.
-    fn sweep(&mut self, team: &Team, relaxation: f64) -> f64;
+    /// Take `relaxation` times the exact step at every contact, from y = p + β (p - x) with β the `momentum`, p the
+    /// impulses now and x those before the last sweep; returns Σ d_i (p' - y)_i · (p' - p)_i, p' being those after it.
+    ///
+    /// The law need not allow y: where the exact step leads does not depend on where the contact's own impulse was.
+    fn sweep(&mut self, team: &Team, relaxation: f64, momentum: f64) -> f64;
 
     /// ‖d p - P(d p - û)‖, m/s, of the whole problem; also clears the rounding that the changes have left in w = Ĵᵀ p.
     fn residual(&mut self, team: &Team) -> f64;
 
     /// The impulses in the order of the system.
     fn impulse(&self) -> Vec<Vector<R>>;
-
-    /// Go on from p + β (p - x), brought to the law; p is x from now on.
-    fn extrapolate(&mut self, team: &Team, beta: f64);
 }
 
 #[cfg(test)]

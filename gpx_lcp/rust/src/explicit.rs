@@ -1,7 +1,7 @@
 //! Sweeps on A itself: every contact reads its row of A, one contact after the other in the order of the system.
 
 use crate::contact::{Contact, Law};
-use crate::delassus::{BlockRows, Delassus, Sweeper, allowed};
+use crate::delassus::{BlockRows, Delassus, Sweeper};
 use crate::gauss_seidel::Problem;
 use crate::small_matrix::{Matrix, Vector, dot};
 use crate::team::Team;
@@ -76,12 +76,12 @@ struct Rows<'a, const R: usize, L: Law<R>> {
     contacts: Vec<Row<R, L::Local>>,
     /// By number in the system; zero where no impulse moves anything.
     impulse: Vec<Vector<R>>,
-    /// x of `Sweeper::sweep`.
+    /// p of the last sweep.
     before: Vec<Vector<R>>,
 }
 
 impl<const R: usize, L: Law<R>> Rows<'_, R, L> {
-    /// Returns d (p - y)·(p - x).
+    /// Returns d (p' - y)·(p' - p), of `Sweeper::sweep`.
     #[inline(always)]
     fn visit(&mut self, k: usize, relaxation: f64) -> f64 {
         let Row {
@@ -132,7 +132,13 @@ impl<const R: usize, L: Law<R>> Sweeper<R> for Rows<'_, R, L> {
         1
     }
 
-    fn sweep(&mut self, _team: &Team, relaxation: f64) -> f64 {
+    fn sweep(&mut self, _team: &Team, relaxation: f64, momentum: f64) -> f64 {
+        for Row { index, contact, .. } in &mut self.contacts {
+            let (p, x) = (self.impulse[*index], &mut self.before[*index]);
+            contact.impulse = std::array::from_fn(|r| p[r] + momentum * (p[r] - x[r]));
+            self.impulse[*index] = contact.impulse;
+            *x = p;
+        }
         let mut sum = 0.0;
         for k in 0..self.contacts.len() {
             sum += self.visit(k, relaxation);
@@ -160,16 +166,5 @@ impl<const R: usize, L: Law<R>> Sweeper<R> for Rows<'_, R, L> {
 
     fn impulse(&self) -> Vec<Vector<R>> {
         self.impulse.clone()
-    }
-
-    fn extrapolate(&mut self, _team: &Team, beta: f64) {
-        for Row { index, contact, .. } in &mut self.contacts {
-            let p = self.impulse[*index];
-            let x = &self.before[*index];
-            let further = std::array::from_fn(|r| p[r] + beta * (p[r] - x[r]));
-            contact.impulse = allowed(self.law, contact.friction, &further);
-            self.before[*index] = p;
-            self.impulse[*index] = contact.impulse;
-        }
     }
 }

@@ -16,8 +16,8 @@
 //! H. Mazhar, T. Heyn, D. Negrut, A. Tasora, *Using Nesterov's method to accelerate multibody dynamics with friction and
 //! contact*, ACM Transactions on Graphics 34 (2015); B. O'Donoghue, E. Candès, *Adaptive restart for accelerated gradient
 //! schemes*, Foundations of Computational Mathematics 15 (2015). Departures: (1) a sweep stands for the projected gradient
-//! step; (2) directions are compared with the weights d_i, so that they have no unit of their own. Measured against the
-//! alternatives by `python -m benchmarks run acceleration`.
+//! step, so that a start beyond the cones does no harm; (2) directions are compared with the weights d_i, so that they
+//! have no unit of their own. Measured against the alternatives by `python -m benchmarks run acceleration`.
 
 use std::time::{Duration, Instant};
 
@@ -189,10 +189,12 @@ fn iterate<const R: usize>(
                 break Stop::Interrupted;
             }
         }
-        if settings.acceleration && sweeps > 0 {
-            sweeper.extrapolate(team, momentum.beta(agreement));
-        }
-        agreement = sweeper.sweep(team, settings.relaxation);
+        let beta = if settings.acceleration && sweeps > 0 {
+            momentum.beta(agreement)
+        } else {
+            0.0
+        };
+        agreement = sweeper.sweep(team, settings.relaxation, beta);
         sweeps += 1;
     };
     let impulse = match stop {
