@@ -105,7 +105,8 @@ def _heavy(ratio: float) -> StackScene:
     return StackScene(f"10 cubes, top × {ratio:g}", lambda: pressed(gpx.scenes.heavy_on_light(10, ratio)), usual=False)
 
 
-# Scenes of thousands of bodies.
+# Scenes of hundreds of contacts, which take longer to judge than to step, and of thousands.
+MIDDLING: Mapping[str, Any] = {"usual": False, "patience": 5.0}
 LARGE: Mapping[str, Any] = {"usual": False, "patience": 30.0}
 
 SCENES: Mapping[str, StackScene] = {
@@ -117,8 +118,8 @@ SCENES: Mapping[str, StackScene] = {
     "heavy-on-light": StackScene(
         "Heavy on light, 1000:1", lambda: pressed(gpx.scenes.heavy_on_light(2, 1000.0)), charted=True
     ),
-    "tower-100": StackScene("Tower of 100", lambda: pressed(gpx.scenes.tower(100)), usual=False),
-    "wall-20": StackScene("Wall, 20 rows", lambda: pressed(gpx.scenes.wall(20)), usual=False),
+    "tower-100": StackScene("Tower of 100", lambda: pressed(gpx.scenes.tower(100)), **MIDDLING),
+    "wall-20": StackScene("Wall, 20 rows", lambda: pressed(gpx.scenes.wall(20)), **MIDDLING),
     "pyramid-10": StackScene("Pyramid of 55", lambda: pressed(gpx.scenes.pyramid(10)), usual=False),
     "table-4": StackScene("Table on 4 legs", lambda: pressed(gpx.scenes.table(4)), usual=False),
     "table-9": StackScene("Table on 9 legs", lambda: pressed(gpx.scenes.table(9)), usual=False),
@@ -127,7 +128,7 @@ SCENES: Mapping[str, StackScene] = {
     "heavy-1000": _heavy(1000.0),
     "towerg-30": StackScene("Tower of 30, gravity swings", lambda: pressed(gpx.scenes.tower(30)), swings=True),
     "towerg-100": StackScene(
-        "Tower of 100, gravity swings", lambda: pressed(gpx.scenes.tower(100)), swings=True, usual=False
+        "Tower of 100, gravity swings", lambda: pressed(gpx.scenes.tower(100)), swings=True, **MIDDLING
     ),
     "pile-1000": StackScene("1 000 balls fall", lambda: gpx.scenes.sphere_pile(1000), **LARGE, at_rest=False),
     "pile-8000": StackScene("8 000 balls fall", lambda: gpx.scenes.sphere_pile(8000), **LARGE, at_rest=False),
