@@ -64,8 +64,8 @@ def falling_things(friction=0.5):
 def test_native_steps_are_the_stages_one_by_one(settings, friction):
     """The same motion to the last bit, and the same solution.
 
-    Polygons to rounding, for a few steps: start impulses on their edges are brought inside by one formula here and by another
-    there, and things that tumble make more of it from step to step.
+    Polygons to rounding, for a few steps: start impulses on their edges are brought inside by one formula here and by
+    another there, and things that tumble make more of it from step to step.
     """
     native = gpx.World(falling_things(friction), DT, **settings)
     staged = gpx.World(falling_things(friction), DT, **settings)
