@@ -12,7 +12,7 @@ allowed is not said here: that is the formulation's business.
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -30,31 +30,6 @@ ASYMMETRY_LIMIT: Final = 1e-2
 DEPENDENT: Final = 1e-13
 # Up to so many rows and columns a dense product takes less time than scipy needs to begin a sparse one, some 10 µs.
 SMALL: Final = 64
-
-
-class BlockRows(NamedTuple):
-    """A matrix by block rows, one for each contact: the compressed form that the core's kernels read.
-
-    Attributes
-    ----------
-    indptr : (n + 1,) int64 array
-    indices : (blocks,) int64 array
-        Block columns, rising within a row.
-    data : (blocks · rows · width,) array
-    width : int
-        Columns of a block.
-    columns : int
-        Number of block columns.
-    factored : bool
-        Whether the matrix is Ĵ, with A = Ĵ Ĵᵀ, or A itself.
-    """
-
-    indptr: npt.NDArray[np.int64]
-    indices: npt.NDArray[np.int64]
-    data: Array
-    width: int
-    columns: int
-    factored: bool
 
 
 class StackedSystem:
@@ -200,22 +175,6 @@ class StackedSystem:
         return tuple(matrix.toarray() if sp.issparse(matrix) else matrix for matrix in matrices)
 
     @cached_property
-    def block_rows(self) -> BlockRows:
-        """Ĵ by blocks of (rows, D) where the system carries J and M⁻¹, else A by blocks of (rows, rows)."""
-        factor = self.whitened_jacobian
-        if factor is not None:
-            return _block_rows(factor, factored=True)
-        if not isinstance(self.A, np.ndarray):
-            return _block_rows(sp.bsr_array(self.A, blocksize=(self.rows, self.rows)), factored=False)
-        shape = (self.contacts, self.rows, self.contacts, self.rows)
-        blocks = self.A.reshape(shape).transpose(0, 2, 1, 3)
-        filled = blocks.any(axis=(2, 3))
-        indptr = np.concatenate(([0], np.cumsum(filled.sum(axis=1))))
-        data = blocks[filled].reshape(-1)
-        indices = np.ascontiguousarray(np.nonzero(filled)[1])
-        return BlockRows(indptr, indices, data, self.rows, self.contacts, factored=False)
-
-    @cached_property
     def scale(self) -> Array:
         """d_i = max diag(A_ii) of each contact, (n,), 1/kg: the contact's own measure of impulse to velocity."""
         return freeze(self.diagonal.reshape(self.contacts, self.rows).max(axis=1, initial=0.0))
@@ -278,18 +237,6 @@ class StackedSystem:
         bodies, body_size, _ = self.inverse_mass.shape
         wrench = np.asarray(self.jacobian.T @ impulse.reshape(-1)).reshape(bodies, body_size)
         return np.asarray(np.einsum("bde,be->bd", self.inverse_mass, wrench)).reshape(-1)
-
-
-def _block_rows(matrix: sp.bsr_array, *, factored: bool) -> BlockRows:
-    width = matrix.blocksize[1]
-    return BlockRows(
-        matrix.indptr.astype(np.int64),
-        matrix.indices.astype(np.int64),
-        np.ascontiguousarray(matrix.data).reshape(-1),
-        width,
-        matrix.shape[1] // width,
-        factored,
-    )
 
 
 def _checked_delassus(A: Any, size: int) -> Matrix:

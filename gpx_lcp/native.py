@@ -15,9 +15,10 @@ import numpy as np
 
 from formulations import StackedSystem
 from gpx_lcp import _core
-from gpx_lcp.solution import Solution, Status
+from gpx_lcp.solution import Solution
 from gpx_lcp.solve import judged, posed
-from gpx_lcp.solvers import Outcome, Request, Solver
+from gpx_lcp.solvers import Request, Solver
+from gpx_lcp.solvers._native import outcome_of
 from gpx_lcp.staged import stacked_system
 
 
@@ -47,7 +48,6 @@ class NativeSolver:
         """Return what the core needs to know."""
         assert self.row.native is not None
         return {
-            "tolerance": self.with_friction.tolerance,
             "with_friction": self.row.native(self.with_friction),
             "without_friction": self.row.native(self.without_friction),
         }
@@ -57,21 +57,6 @@ class NativeSolver:
         system = stacked_system(step.stack)
         asked = self.without_friction if step.frictionless else self.with_friction
         request = replace(asked, system=system)
-        extras = step.extras
-        if "infeasibility" in extras:
-            ray = extras["infeasibility"].reshape(system.contacts, system.rows)
-            extras["infeasibility"] = ray / np.abs(ray).max()
-        outcome = Outcome(
-            impulse=step.impulse,
-            status=Status[step.status.upper()],
-            program=request.formulation,
-            iterations=step.iterations,
-            setup_seconds=step.setup_seconds,
-            solve_seconds=step.solve_seconds,
-            history=tuple(step.history),
-            fallbacks=tuple(step.fallbacks),
-            extras=extras,
-            presolved=step.presolve,
-        )
+        outcome = outcome_of(request, step.found, step.found.setup_seconds)
         moved = {} if step.start_moved is None else {"warm_start_moved": step.start_moved}
         return judged(request, self.row, outcome, moved)

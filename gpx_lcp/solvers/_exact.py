@@ -1,31 +1,20 @@
-"""What the two exact solvers share: from a request to the core's arrays and back."""
+"""What the two exact solvers share."""
 
 from __future__ import annotations
 
-from time import perf_counter
+from dataclasses import replace
 from typing import Any, Final
 
-import numpy as np
-
 from formulations import refutation
-from gpx_lcp import _core
-from gpx_lcp.core_system import core_system
-from gpx_lcp.errors import SettingsError
 from gpx_lcp.solution import Status
 from gpx_lcp.solvers._interface import Outcome, Request
+from gpx_lcp.solvers._native import core_settings, run_core
 
 MAX_STEPS: Final = 3000
-MAX_THREADS: Final = 256
 # Contacts in a plane, up to which the exact law is searched for a solution that the methods did not find.
 SEARCHED: Final = 6
 # The settings of both: threads that presolve's islands are solved on.
 DEFAULTS: Final = {"threads": 1}
-STATUS: Final = {
-    "solved": Status.SOLVED,
-    "max_iterations": Status.MAX_ITERATIONS,
-    "stalled": Status.STALLED,
-    "infeasible": Status.INFEASIBLE,
-}
 
 
 def run_exact(request: Request, method: str) -> Outcome:
@@ -38,36 +27,13 @@ def run_exact(request: Request, method: str) -> Outcome:
     solution without such a y: of up to six contacts in a plane, `extras["refutation"]` then is the proof, see
     `formulations.existence`. It is looked for where the methods stop without limits of the caller's.
     """
-    began = perf_counter()
-    system = request.system
-    start = None if request.warm_start is None else request.warm_start.reshape(-1)
-    report = _core.exact(core_system(system), exact_settings(request, method), start)
-    elapsed = perf_counter() - began
-    extras: dict[str, Any] = {
-        "factorisations": report.factorisations,
-        "factor_seconds": report.factor_seconds,
-        "fill": report.fill,
-    }
-    if report.infeasibility is not None:
-        ray = report.infeasibility.reshape(system.contacts, system.rows)
-        extras["infeasibility"] = ray / np.abs(ray).max()
-    status = STATUS[report.status]
-    if status in (Status.STALLED, Status.MAX_ITERATIONS) and _may_be_searched(request):
-        proof = refutation(system)
+    outcome = run_core(request, exact_settings(request, method))
+    if outcome.status in (Status.STALLED, Status.MAX_ITERATIONS) and _may_be_searched(request):
+        proof = refutation(request.system)
         if proof is not None:
-            status, extras["refutation"] = Status.INFEASIBLE, proof
-    return Outcome(
-        impulse=report.impulse.reshape(system.contacts, system.rows),
-        status=status,
-        program=request.formulation,
-        iterations=report.iterations,
-        setup_seconds=elapsed - report.solve_seconds,
-        solve_seconds=report.solve_seconds,
-        history=tuple(report.history),
-        fallbacks=tuple(report.fallbacks),
-        extras=extras,
-        presolved=report.presolve,
-    )
+            extras = {**outcome.extras, "refutation": proof}
+            return replace(outcome, status=Status.INFEASIBLE, extras=extras)
+    return outcome
 
 
 def _may_be_searched(request: Request) -> bool:
@@ -85,17 +51,4 @@ def exact_settings(request: Request, method: str) -> dict[str, Any]:
     SettingsError
         When `threads` is not a whole number from 1 to 256.
     """
-    threads = request.settings["threads"]
-    if isinstance(threads, bool) or not isinstance(threads, int) or not 1 <= threads <= MAX_THREADS:
-        raise SettingsError(f"threads is {threads!r}: it must be a whole number from 1 to {MAX_THREADS}")
-    return {
-        "kernel": "exact",
-        "method": method,
-        "law": request.formulation,
-        # A hair stricter, so that the judge's own rounding does not turn down what is accepted here.
-        "tolerance": (1.0 - 1e-6) * request.tolerance,
-        "max_iterations": MAX_STEPS if request.max_iterations is None else request.max_iterations,
-        "time_limit": request.time_limit,
-        "presolve": request.presolve,
-        "threads": threads,
-    }
+    return core_settings(request, method, MAX_STEPS, request.formulation)

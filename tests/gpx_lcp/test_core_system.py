@@ -66,5 +66,5 @@ def test_impulses_of_another_length_are_refused():
     system = forms(3)["dense"]
     with pytest.raises(ProblemError, match="impulse has length 3: 12 is needed"):
         core_system(system).residual("coulomb", np.zeros(3))
-    with pytest.raises(ProblemError, match=r"no exact law named .box."):
+    with pytest.raises(ProblemError, match=r"no isotropic law named .box."):
         core_system(system).residual("box", np.zeros(12))

@@ -17,7 +17,8 @@ PLAIN = {"acceleration": False}
 
 
 def pgs(system, formulation="coulomb", **settings):
-    return gpx.solve(system, formulation, "pgs", **settings)
+    """Sweep over the system as it is."""
+    return gpx.solve(system, formulation, "pgs", presolve=False, **settings)
 
 
 def explicit(system):

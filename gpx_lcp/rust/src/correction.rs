@@ -13,8 +13,9 @@ use crate::bodies::{Bodies, Twist};
 use crate::collision::Contact;
 use crate::gauss_seidel::Settings;
 use crate::program::Program;
-use crate::solving::{Effort, Method, sweep};
+use crate::solving::Effort;
 use crate::stacking::{Stack, relative_velocity};
+use crate::sweeping::sweep;
 
 /// Overlap that is left alone, as a share of the smaller body's bounding radius: 0.09 mm for a cube of 1 m.
 const SLOP: f64 = 1e-4;
@@ -31,16 +32,6 @@ const SWEEPS: Settings = Settings {
     acceleration: true,
     threads: 1,
 };
-
-/// By as many threads as the step itself takes.
-fn settings(effort: Option<&Effort>) -> Settings {
-    let threads = match effort.map(|effort| &effort.method) {
-        Some(Method::Sweeps(own)) => own.threads,
-        Some(Method::Exact { threads, .. }) => *threads,
-        None => SWEEPS.threads,
-    };
-    Settings { threads, ..SWEEPS }
-}
 
 /// The velocities, for this step's poses only, that take out overlap after a step that moves the bodies at `velocities`;
 /// None where no contact overlaps by more than is left alone. `effort` is what the core takes the step with.
@@ -72,7 +63,10 @@ pub fn position_shift(
     }
     let program = &Program::Normal;
     let system = stack.system_with(&asked);
-    let answer = sweep(system, program, &settings(effort), None, &|| false)?;
+    // By as many threads as the step itself takes.
+    let threads = effort.map_or(SWEEPS.threads, |effort| effort.threads);
+    let settings = Settings { threads, ..SWEEPS };
+    let answer = sweep(system, program, &settings, None, &|| false)?;
     let mut shift = Vec::new();
     stack.velocity_change(&answer.impulse, &mut shift);
     Some(shift)

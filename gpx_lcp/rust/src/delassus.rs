@@ -4,6 +4,7 @@
 //! date: a contact then costs the same however many others its bodies have, and A is never formed.
 
 use crate::contact::{Contact, Law};
+use crate::exact::BlockMatrix;
 use crate::gauss_seidel::Problem;
 use crate::small_matrix::{Matrix, Vector};
 use crate::team::Team;
@@ -22,82 +23,21 @@ pub struct Block<const R: usize, const C: usize> {
     pub column: usize,
 }
 
-/// Why an array triple is no block matrix.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum StructureError {
-    #[error(
-        "indptr must rise from 0 to the number of blocks {blocks}, but indptr[{at}] is {value}"
-    )]
-    Start {
-        at: usize,
-        value: i64,
-        blocks: usize,
-    },
-    #[error("indices[{at}] is {value}, but there are {columns} block columns")]
-    Column {
-        at: usize,
-        value: i64,
-        columns: usize,
-    },
-    #[error("data holds {length} numbers, but {blocks} blocks of {rows} x {columns} need {needed}")]
-    Data {
-        length: usize,
-        blocks: usize,
-        rows: usize,
-        columns: usize,
-        needed: usize,
-    },
-}
-
 impl<const R: usize, const C: usize> BlockRows<R, C> {
-    /// Make block rows from the three arrays of SciPy's BSR format.
-    pub fn new(
-        start: &[i64],
-        indices: &[i64],
-        data: &[f64],
-        columns: usize,
-    ) -> Result<Self, StructureError> {
-        let count = indices.len();
-        if data.len() != count * R * C {
-            return Err(StructureError::Data {
-                length: data.len(),
-                blocks: count,
-                rows: R,
-                columns: C,
-                needed: count * R * C,
-            });
+    /// The first R rows and C columns of each block of a matrix.
+    pub fn of(matrix: &BlockMatrix) -> Self {
+        let (width, area) = (matrix.width, matrix.height * matrix.width);
+        let columns = matrix.columns.iter().map(|&column| column as usize);
+        let blocks = columns.zip(matrix.values.chunks_exact(area));
+        Self {
+            start: matrix.starts.clone(),
+            blocks: blocks
+                .map(|(column, block)| Block {
+                    values: std::array::from_fn(|r| std::array::from_fn(|c| block[r * width + c])),
+                    column,
+                })
+                .collect(),
         }
-        let mut previous = 0;
-        for (at, &value) in start.iter().enumerate() {
-            let ends_right = at + 1 < start.len() || value == count as i64;
-            if value < previous || value > count as i64 || (at == 0 && value != 0) || !ends_right {
-                return Err(StructureError::Start {
-                    at,
-                    value,
-                    blocks: count,
-                });
-            }
-            previous = value;
-        }
-        let mut blocks = Vec::with_capacity(count);
-        for (at, (&column, block)) in indices.iter().zip(data.chunks_exact(R * C)).enumerate() {
-            if column < 0 || column >= columns as i64 {
-                return Err(StructureError::Column {
-                    at,
-                    value: column,
-                    columns,
-                });
-            }
-            let values = std::array::from_fn(|r| std::array::from_fn(|c| block[r * C + c]));
-            blocks.push(Block {
-                values,
-                column: column as usize,
-            });
-        }
-        Ok(Self {
-            start: start.iter().map(|&value| value as usize).collect(),
-            blocks,
-        })
     }
 
     pub fn len(&self) -> usize {
@@ -180,65 +120,4 @@ pub trait Sweeper<const R: usize> {
 
     /// The impulses in the order of the system.
     fn impulse(&self) -> Vec<Vector<R>>;
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn wrong_structure_is_refused() {
-        let error = |start: &[i64], indices: &[i64], data: &[f64]| {
-            BlockRows::<1, 1>::new(start, indices, data, 2).err()
-        };
-        assert_eq!(
-            error(&[0, 1], &[2], &[1.0]),
-            Some(StructureError::Column {
-                at: 0,
-                value: 2,
-                columns: 2
-            })
-        );
-        assert_eq!(
-            error(&[0, 1], &[-1], &[1.0]),
-            Some(StructureError::Column {
-                at: 0,
-                value: -1,
-                columns: 2
-            })
-        );
-        assert_eq!(
-            error(&[0, 2], &[0], &[1.0]),
-            Some(StructureError::Start {
-                at: 1,
-                value: 2,
-                blocks: 1
-            })
-        );
-        assert_eq!(
-            error(&[1, 1], &[0], &[1.0]),
-            Some(StructureError::Start {
-                at: 0,
-                value: 1,
-                blocks: 1
-            })
-        );
-        assert_eq!(
-            error(&[0, 0], &[0], &[1.0]),
-            Some(StructureError::Start {
-                at: 1,
-                value: 0,
-                blocks: 1
-            })
-        );
-        let short = Some(StructureError::Data {
-            length: 1,
-            blocks: 2,
-            rows: 1,
-            columns: 1,
-            needed: 2,
-        });
-        assert_eq!(error(&[0, 2], &[0, 1], &[1.0]), short);
-        assert!(BlockRows::<1, 1>::new(&[], &[], &[], 0).unwrap().is_empty());
-    }
 }

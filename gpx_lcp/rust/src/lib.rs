@@ -31,6 +31,7 @@ pub mod small_matrix;
 pub mod solving;
 pub mod stacking;
 pub mod stepping;
+pub mod sweeping;
 mod team;
 pub mod world;
 

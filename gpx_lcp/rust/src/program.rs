@@ -4,11 +4,11 @@
 use std::array::from_fn;
 
 use crate::contact::Law;
-use crate::exact::BlockMatrix;
+use crate::exact;
 use crate::friction_cone::{ConvexCone, Coulomb, project};
 use crate::polygon::Polygon;
 use crate::small_matrix::{Vector, dot};
-use crate::stacking::Stack;
+use crate::solving::System;
 
 /// Which impulses are allowed, and when. With one row per contact all of them are the same.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,30 +28,17 @@ impl Program {
         Polygon::new(corners.iter().map(vector).collect())
     }
 
-    /// ‖natural map‖/‖B‖ of impulses with as many rows per contact as the system has.
-    pub fn residual(&self, stack: &Stack, impulse: &[f64]) -> f64 {
-        let numbers = (
-            stack.friction.as_slice(),
-            stack.scale.as_slice(),
-            stack.b.as_slice(),
-        );
-        self.residual_of(&stack.whitened, numbers, impulse)
+    /// The law in which all tangents are alike, None for polygons: presolve and the exact methods know no other.
+    pub fn isotropic(&self) -> Option<exact::Law> {
+        match self {
+            Program::Normal => Some(exact::Law::Normal),
+            Program::Cone => Some(exact::Law::Cone),
+            Program::Coulomb => Some(exact::Law::Coulomb),
+            Program::Polygon(_) => None,
+        }
     }
 
-    /// The same from Ĵ, and μ and d of each contact, and B.
-    pub fn residual_of(
-        &self,
-        whitened: &BlockMatrix,
-        (friction, scale, b): (&[f64], &[f64], &[f64]),
-        impulse: &[f64],
-    ) -> f64 {
-        let (mut states, mut velocity) = (Vec::new(), Vec::new());
-        whitened.gather(impulse, &mut states);
-        whitened.spread(&states, b, &mut velocity);
-        self.relative_map(friction, scale, b, impulse, &velocity)
-    }
-
-    /// The same from μ and d of each contact, and B, p and u = A p − B, with 1 to 3 rows per contact.
+    /// ‖natural map‖/‖B‖ from μ and d of each contact, and B, p and u = A p − B, with 1 to 3 rows per contact.
     pub fn relative_map(
         &self,
         friction: &[f64],
@@ -81,7 +68,7 @@ impl Program {
     /// residual. `residual` is that of the start. Impulses that do nothing but hold each other are not kept.
     pub fn settled(
         &self,
-        (friction, scale, b): (&[f64], &[f64], &[f64]),
+        system: System,
         start: &[f64],
         residual: f64,
         tolerance: f64,
@@ -89,6 +76,9 @@ impl Program {
         if residual > tolerance {
             return None;
         }
+        let System {
+            b, friction, scale, ..
+        } = system;
         let none = vec![0.0; b.len()];
         let falling: Vec<f64> = b.iter().map(|value| -value).collect();
         let without = self.relative_map(friction, scale, b, &none, &falling);

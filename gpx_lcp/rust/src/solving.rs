@@ -1,16 +1,14 @@
 //! From a stacked system to its impulses by one of the core's own methods, with the residual of what they found.
 
+use std::borrow::Cow;
 use std::time::{Duration, Instant};
 
-use crate::contact::Law;
-use crate::exact::{self, BlockMatrix};
-use crate::factored::Factored;
-use crate::friction_cone::{ConvexCone, Coulomb};
-use crate::gauss_seidel::{self, Settings, Stop};
-use crate::presolve;
+use crate::exact::{self, BlockMatrix, Limits, Operator};
+use crate::gauss_seidel::{Settings, Stop};
+use crate::presolve::{self, Form, FreeMotion, Part, Reduced};
 use crate::program::Program;
-use crate::small_matrix::Vector;
 use crate::stacking::Stack;
+use crate::sweeping::sweep;
 
 /// How far above the tolerance, in its multiples, the start of a step may be to be swept over first, and how often.
 ///
@@ -20,6 +18,13 @@ use crate::stacking::Stack;
 /// further off has a load to learn of, and few sweeps carry it nowhere.
 const NEAR: f64 = 100.0;
 const FEW_SWEEPS: usize = 20;
+/// What a method aims at, as a share of the tolerance: a hair less, so that the rounding of whoever judges the answer does
+/// not turn down what was accepted here.
+const AIM: f64 = 1.0 - 1e-6;
+/// A tolerance below the rounding of a residual is never reached,
+const FINEST: f64 = 1e-15;
+/// and no sweep improves on an answer that leaves less than this.
+const ROUNDED: f64 = 1e-14;
 
 /// Whether the caller wants to stop; asked often.
 pub type Interrupted<'a> = &'a (dyn Fn() -> bool + Sync);
@@ -31,29 +36,29 @@ pub struct Effort {
     pub method: Method,
     /// Bound on the residual at which the answer counts as solved.
     pub tolerance: f64,
+    /// Sweeps, or Newton steps.
+    pub max_iterations: usize,
+    /// s
+    pub time_limit: Option<f64>,
+    /// Whether the smallest systems with the same answer are solved in the place of this one. There are none for polygons.
+    pub presolve: bool,
+    /// At least one; the answer does not depend on it.
+    pub threads: usize,
 }
 
-#[derive(Clone)]
+#[derive(Clone, Copy)]
 pub enum Method {
-    Sweeps(Settings),
-    Exact {
-        method: exact::Method,
-        tolerance: f64,
-        max_iterations: usize,
-        /// s
-        time_limit: Option<f64>,
-        presolve: bool,
-        threads: usize,
-    },
+    Sweeps { relaxation: f64, acceleration: bool },
+    Exact(exact::Method),
 }
 
-/// Why a solver stopped; solved only where the residual says so.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+/// Why a solver stopped; solved only where the residual says so. The worse, the later.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Status {
     #[default]
     Solved,
-    MaxIterations,
     Stalled,
+    MaxIterations,
     Infeasible,
     NumericalError,
 }
@@ -63,13 +68,17 @@ pub struct Answer {
     /// Rows per contact, N s.
     pub impulse: Vec<f64>,
     pub status: Status,
-    /// Of the program, on the system as it was stacked.
+    /// Of the program, on the system as it was asked.
     pub residual: f64,
+    /// The most of any part.
     pub iterations: usize,
     pub setup: Duration,
     pub elapsed: Duration,
+    /// (iterations, residual) of the system or of its only part; of the whole in the end where there are several.
     pub history: Vec<(usize, f64)>,
     pub details: Details,
+    /// What presolve did; None where it was not wanted, or found nothing to do.
+    pub presolve: Option<presolve::Summary>,
 }
 
 /// What only one of the methods tells.
@@ -79,148 +88,300 @@ pub enum Details {
     #[default]
     Nothing,
     Sweeps(Stop),
-    Exact {
-        factorisations: usize,
-        factor_time: Duration,
-        fill: usize,
-        fallbacks: Vec<&'static str>,
-        infeasibility: Option<Vec<f64>>,
-        presolve: Option<presolve::Summary>,
-    },
+    Exact(Factored),
 }
 
-impl Details {
-    /// Of an exact method whose start was good enough.
-    fn unchanged() -> Self {
-        Details::Exact {
-            factorisations: 0,
-            factor_time: Duration::ZERO,
-            fill: 0,
-            fallbacks: Vec::new(),
-            infeasibility: None,
-            presolve: None,
+#[derive(Clone, Debug, Default)]
+pub struct Factored {
+    pub factorisations: usize,
+    pub factor_time: Duration,
+    pub fill: usize,
+    pub fallbacks: Vec<&'static str>,
+    pub infeasibility: Option<Vec<f64>>,
+}
+
+/// A stacked system by its numbers: A or Ĵ, B, and μ and d = max diag A_ii of each contact.
+#[derive(Clone, Copy)]
+pub struct System<'a> {
+    pub form: Form,
+    pub matrix: &'a BlockMatrix,
+    pub b: &'a [f64],
+    pub friction: &'a [f64],
+    pub scale: &'a [f64],
+}
+
+/// Who has a stacked system, with what presolve may read beside it.
+pub trait Stacked {
+    fn system(&self) -> System<'_>;
+
+    /// The blocks of J in the places of those of Ĵ, see `presolve::View`.
+    fn jacobian(&self) -> Option<&[f64]>;
+
+    /// How the bodies move before the impulses; None where nobody knows, or nobody needs to.
+    fn free_motion(&self) -> Option<Cow<'_, FreeMotion>>;
+
+    /// As presolve reads it.
+    fn view<'a>(&'a self, law: exact::Law, free: Option<&'a FreeMotion>) -> presolve::View<'a> {
+        let System {
+            form,
+            matrix,
+            b,
+            friction,
+            ..
+        } = self.system();
+        presolve::View {
+            form,
+            free,
+            rows: matrix.height,
+            width: matrix.width,
+            bodies: matrix.block_columns,
+            starts: &matrix.starts,
+            columns: &matrix.columns,
+            whitened: &matrix.values,
+            jacobian: self.jacobian(),
+            b,
+            largest: presolve::largest(b),
+            friction,
+            law,
         }
+    }
+}
+
+impl System<'_> {
+    fn operator(&self) -> Operator {
+        match self.form {
+            Form::Velocity => Operator::Velocity(self.matrix.clone()),
+            Form::Impulse => Operator::Impulse(self.matrix.clone()),
+        }
+    }
+
+    /// ‖natural map‖/‖B‖ of impulses, rows per contact.
+    pub fn residual(&self, program: &Program, impulse: &[f64]) -> f64 {
+        let mut velocity = Vec::new();
+        match self.form {
+            Form::Velocity => {
+                let mut states = Vec::new();
+                self.matrix.gather(impulse, &mut states);
+                self.matrix.spread(&states, self.b, &mut velocity);
+            }
+            Form::Impulse => {
+                let mut product = vec![[0.0; 3]; self.friction.len()];
+                self.matrix.times(impulse, &mut product);
+                let product = product.iter().flat_map(|u| &u[..self.matrix.height]);
+                velocity.extend(product.zip(self.b).map(|(u, b)| u - b));
+            }
+        }
+        program.relative_map(self.friction, self.scale, self.b, impulse, &velocity)
+    }
+}
+
+/// d = max diag A_ii of each contact.
+pub fn scale_of(form: Form, matrix: &BlockMatrix) -> Vec<f64> {
+    let diagonal = match form {
+        Form::Velocity => matrix.squares_of_rows(),
+        Form::Impulse => matrix.diagonal(),
+    };
+    let largest = |d: [f64; 3]| d.into_iter().fold(0.0, f64::max);
+    diagonal.into_iter().map(largest).collect()
+}
+
+impl Stack {
+    /// With `b` in the place of B.
+    pub fn system_with<'a>(&'a self, b: &'a [f64]) -> System<'a> {
+        System {
+            form: Form::Velocity,
+            matrix: &self.whitened,
+            b,
+            friction: &self.friction,
+            scale: &self.scale,
+        }
+    }
+}
+
+impl Stacked for Stack {
+    fn system(&self) -> System<'_> {
+        self.system_with(&self.b)
+    }
+
+    fn jacobian(&self) -> Option<&[f64]> {
+        Some(&self.blocks)
+    }
+
+    fn free_motion(&self) -> Option<Cow<'_, FreeMotion>> {
+        // Where all contacts close, nobody asks.
+        let apart = |contact: &[f64]| contact[0] < 0.0;
+        if !self.b.chunks_exact(self.layout.rows).any(apart) {
+            return None;
+        }
+        let velocity = self.free.iter().flat_map(|free| {
+            let (linear, angular) = (free.linear.to_array(), free.angular.to_array());
+            let both = linear.into_iter().chain(angular);
+            both.take(self.layout.columns)
+        });
+        Some(Cow::Owned(FreeMotion {
+            velocity: velocity.collect(),
+            inverse_mass: self.inverse_mass(),
+        }))
     }
 }
 
 /// Solve the system from the impulses `start`; None where the caller interrupts it.
 pub fn solve(
-    stack: &Stack,
+    asked: &impl Stacked,
     effort: &Effort,
     start: Option<&[f64]>,
     interrupted: Interrupted,
 ) -> Option<Answer> {
-    if stack.b.iter().all(|value| *value == 0.0) {
+    let system = asked.system();
+    if system.b.iter().all(|value| *value == 0.0) {
         return Some(Answer {
-            impulse: vec![0.0; stack.b.len()],
+            impulse: vec![0.0; system.b.len()],
             ..Answer::default()
         });
     }
+    let limits = Limits::new(
+        AIM * effort.tolerance,
+        effort.max_iterations,
+        effort.time_limit,
+        interrupted,
+    );
     // At rest the impulses of the step before are the answer, or nearly so, and this is all that is done to them.
-    if let (Method::Exact { tolerance, .. }, Some(start)) = (&effort.method, start) {
-        let begun = Instant::now();
-        let residual = effort.program.residual(stack, start);
-        let system = stack.system();
-        let settled = held(
-            system,
-            &effort.program,
-            start,
-            residual,
-            *tolerance,
-            interrupted,
-        );
-        if let Some((impulse, residual)) = settled {
-            return Some(Answer {
-                impulse,
-                status: Status::Solved,
-                residual,
-                elapsed: begun.elapsed(),
-                history: vec![(0, residual)],
-                details: Details::unchanged(),
-                ..Answer::default()
-            });
-        }
+    if let Some(answer) = start.and_then(|start| unchanged(system, effort, &limits, start)) {
+        return Some(answer);
     }
-    let mut answer = match &effort.method {
-        Method::Sweeps(settings) => sweep(
-            stack.system(),
-            &effort.program,
-            settings,
-            start,
-            interrupted,
-        )?,
-        Method::Exact {
-            method,
-            tolerance,
-            max_iterations,
-            time_limit,
-            presolve,
-            threads,
-        } => {
-            let limits = exact::Limits::new(*tolerance, *max_iterations, *time_limit, interrupted);
-            let presolve = presolve.then_some(*threads);
-            solve_exactly(stack, &effort.program, *method, &limits, start, presolve)?
-        }
-    };
-    answer.residual = effort.program.residual(stack, &answer.impulse);
-    if answer.residual > effort.tolerance
-        && answer.status == Status::Solved
-        && let Method::Exact { presolve: true, .. } = &effort.method
+    let lifted;
+    let mut start = start;
+    if effort.presolve
+        && let Some(law) = effort.program.isotropic()
     {
-        // The parts are solved and the whole is not: at tolerances near rounding, the whole has the last word.
-        let mut whole = effort.clone();
-        if let Method::Exact { presolve, .. } = &mut whole.method {
-            *presolve = false;
+        let begun = Instant::now();
+        let free = asked.free_motion();
+        let view = asked.view(law, free.as_deref());
+        if let Some(reduced) = presolve::reduce(&view) {
+            let mut answer = by_parts(&view, reduced, effort, &limits, start)?;
+            answer.elapsed = begun.elapsed();
+            answer.residual = system.residual(&effort.program, &answer.impulse);
+            let last_word = match effort.method {
+                Method::Sweeps { .. } => answer.residual <= ROUNDED,
+                Method::Exact(_) => false,
+            };
+            // Where parts are solved and the whole is not, at tolerances near rounding, the whole has the last word.
+            if answer.status != Status::Solved || answer.residual <= effort.tolerance || last_word {
+                return Some(judged(answer, effort));
+            }
+            lifted = answer.impulse;
+            start = Some(&lifted);
         }
-        return solve(stack, &whole, Some(&answer.impulse), interrupted);
     }
+    let mut answer = run(system, effort, &limits, start, effort.threads)?;
+    answer.residual = system.residual(&effort.program, &answer.impulse);
+    Some(judged(answer, effort))
+}
+
+/// Solved is what the residual says.
+fn judged(mut answer: Answer, effort: &Effort) -> Answer {
     if answer.residual <= effort.tolerance {
         answer.status = Status::Solved;
     } else if answer.status == Status::Solved {
         answer.status = Status::Stalled;
     }
-    Some(answer)
+    answer
 }
 
-fn solve_exactly(
-    stack: &Stack,
+/// The answer where the start is good enough, or for the exact methods nearly so.
+fn unchanged(system: System, effort: &Effort, limits: &Limits, start: &[f64]) -> Option<Answer> {
+    let begun = Instant::now();
+    let residual = system.residual(&effort.program, start);
+    let (impulse, residual) = match effort.method {
+        Method::Exact(_) => held(system, &effort.program, limits, start, residual),
+        Method::Sweeps { .. } => effort.program.settled(system, start, residual, limits.tolerance),
+    }?;
+    Some(Answer {
+        impulse,
+        residual,
+        elapsed: begun.elapsed(),
+        history: vec![(0, residual)],
+        details: match effort.method {
+            Method::Sweeps { .. } => Details::Sweeps(Stop::Solved),
+            Method::Exact(_) => Details::Exact(Factored::default()),
+        },
+        ..Answer::default()
+    })
+}
+
+/// The start impulses of a step, if they are a solution, or a few sweeps make them one; with its residual. `residual` is
+/// that of the start.
+fn held(
+    system: System,
     program: &Program,
-    method: exact::Method,
-    limits: &exact::Limits,
+    limits: &Limits,
+    start: &[f64],
+    residual: f64,
+) -> Option<(Vec<f64>, f64)> {
+    if residual <= limits.tolerance {
+        return program.settled(system, start, residual, limits.tolerance);
+    }
+    if residual > NEAR * limits.tolerance {
+        return None;
+    }
+    let settings = Settings {
+        tolerance: limits.tolerance,
+        max_sweeps: FEW_SWEEPS,
+        time_limit: limits.left(),
+        relaxation: 1.0,
+        acceleration: true,
+        threads: 1,
+    };
+    let interrupted = &|| limits.interrupted();
+    let swept = sweep(system, program, &settings, Some(start), interrupted)?.impulse;
+    let residual = system.residual(program, &swept);
+    program.settled(system, &swept, residual, limits.tolerance)
+}
+
+/// Solve a system as it is; the residual of the answer is the method's own.
+fn run(
+    system: System,
+    effort: &Effort,
+    limits: &Limits,
     start: Option<&[f64]>,
-    presolve: Option<usize>,
+    threads: usize,
+) -> Option<Answer> {
+    match effort.method {
+        Method::Sweeps {
+            relaxation,
+            acceleration,
+        } => {
+            let settings = Settings {
+                tolerance: limits.tolerance,
+                max_sweeps: limits.iterations,
+                time_limit: limits.left(),
+                relaxation,
+                acceleration,
+                threads,
+            };
+            let interrupted = &|| limits.interrupted();
+            sweep(system, &effort.program, &settings, start, interrupted)
+        }
+        Method::Exact(method) => {
+            let law = effort.program.isotropic();
+            let law = law.expect("no exact method solves polygons: refused when made");
+            exactly(system, law, method, limits, start)
+        }
+    }
+}
+
+fn exactly(
+    system: System,
+    law: exact::Law,
+    method: exact::Method,
+    limits: &Limits,
+    start: Option<&[f64]>,
 ) -> Option<Answer> {
     let begun = Instant::now();
-    let law = match program {
-        Program::Normal => exact::Law::Normal,
-        Program::Cone => exact::Law::Cone,
-        Program::Coulomb => exact::Law::Coulomb,
-        Program::Polygon(_) => unreachable!("no exact method solves polygons: refused when made"),
-    };
-    let free = free_motion(stack);
-    let presolved = presolve.and_then(|threads| {
-        let view = view(stack, law, free.as_ref());
-        presolve::solve(&view, method, limits, start, threads)
-    });
-    if let Some(presolve::Presolved { report, summary }) = presolved {
-        return answered(report, limits, begun, begun, Some(summary));
-    }
-    let operator = exact::Operator::Velocity(stack.whitened.clone());
-    let problem = exact::Problem::new(operator, &stack.b, &stack.friction, law)
-        .expect("a stack has as many entries of B and coefficients as contacts");
+    let problem = exact::Problem::new(system.operator(), system.b, system.friction, law)
+        .expect("a system has as many entries of B and coefficients as contacts");
     let prepared = Instant::now();
     let report = exact::solve(&problem, method, limits, start);
-    answered(report, limits, begun, prepared, None)
-}
-
-/// What an exact method found, as an answer; None where the caller interrupted it.
-fn answered(
-    report: exact::Report,
-    limits: &exact::Limits,
-    begun: Instant,
-    prepared: Instant,
-    presolve: Option<presolve::Summary>,
-) -> Option<Answer> {
     if report.residual > limits.tolerance && limits.interrupted() {
         return None;
     }
@@ -237,222 +398,96 @@ fn answered(
         setup: prepared - begun,
         elapsed: prepared.elapsed(),
         history: report.history,
-        details: Details::Exact {
+        details: Details::Exact(Factored {
             factorisations: report.factorisations,
             factor_time: report.factor_time,
             fill: report.fill,
             fallbacks: report.fallbacks,
             infeasibility: report.infeasibility,
-            presolve,
-        },
+        }),
+        presolve: None,
     })
 }
 
-/// How the bodies of a stack move before its impulses; None where all contacts close, and nobody asks.
-fn free_motion(stack: &Stack) -> Option<presolve::FreeMotion> {
-    let apart = |contact: &[f64]| contact[0] < 0.0;
-    if !stack.b.chunks_exact(stack.layout.rows).any(apart) {
-        return None;
-    }
-    let velocity = stack.free.iter().flat_map(|free| {
-        let (linear, angular) = (free.linear.to_array(), free.angular.to_array());
-        let both = linear.into_iter().chain(angular);
-        both.take(stack.layout.columns)
-    });
-    Some(presolve::FreeMotion {
-        velocity: velocity.collect(),
-        inverse_mass: stack.inverse_mass(),
-    })
-}
-
-fn view<'a>(
-    stack: &'a Stack,
-    law: exact::Law,
-    free: Option<&'a presolve::FreeMotion>,
-) -> presolve::View<'a> {
-    presolve::View {
-        form: presolve::Form::Velocity,
-        free,
-        rows: stack.layout.rows,
-        width: stack.layout.columns,
-        bodies: stack.roots.len(),
-        starts: &stack.whitened.starts,
-        columns: &stack.whitened.columns,
-        whitened: &stack.whitened.values,
-        jacobian: Some(&stack.blocks),
-        b: &stack.b,
-        largest: presolve::largest(&stack.b),
-        friction: &stack.friction,
-        law,
-    }
-}
-
-/// A stacked system as sweeps read it: Ĵ, B, and μ and d = max diag A_ii of each contact.
-#[derive(Clone, Copy)]
-pub struct System<'a> {
-    pub whitened: &'a BlockMatrix,
-    pub b: &'a [f64],
-    pub friction: &'a [f64],
-    pub scale: &'a [f64],
-}
-
-impl Stack {
-    fn system(&self) -> System<'_> {
-        self.system_with(&self.b)
-    }
-
-    /// With `b` in the place of B.
-    pub fn system_with<'a>(&'a self, b: &'a [f64]) -> System<'a> {
-        System {
-            whitened: &self.whitened,
-            b,
-            friction: &self.friction,
-            scale: &self.scale,
-        }
-    }
-}
-
-/// The start impulses of a step, if they are a solution, or a few sweeps make them one; with its residual. `residual` is
-/// that of the start.
-pub fn held(
-    system: System,
-    program: &Program,
-    start: &[f64],
-    residual: f64,
-    tolerance: f64,
-    interrupted: Interrupted,
-) -> Option<(Vec<f64>, f64)> {
-    let numbers = (system.friction, system.scale, system.b);
-    if residual <= tolerance {
-        return program.settled(numbers, start, residual, tolerance);
-    }
-    if residual > NEAR * tolerance {
-        return None;
-    }
-    let settings = Settings {
-        tolerance,
-        max_sweeps: FEW_SWEEPS,
-        time_limit: None,
-        relaxation: 1.0,
-        acceleration: true,
-        threads: 1,
-    };
-    let swept = sweep(system, program, &settings, Some(start), interrupted)?.impulse;
-    let residual = program.residual_of(system.whitened, numbers, &swept);
-    program.settled(numbers, &swept, residual, tolerance)
-}
-
-/// Sweep over the contacts of a system; None where the caller interrupts it.
-pub fn sweep(
-    system: System,
-    program: &Program,
-    settings: &Settings,
+/// Solve what is left of a system, part by part, and lift what was found; the status is the worst of them.
+fn by_parts(
+    view: &presolve::View,
+    reduced: Reduced,
+    effort: &Effort,
+    limits: &Limits,
     start: Option<&[f64]>,
-    interrupted: Interrupted,
 ) -> Option<Answer> {
-    let go_on = &mut || !interrupted();
-    let question = Question { system, start };
-    match (system.whitened.height, system.whitened.width, program) {
-        (1, 3, _) | (_, 3, Program::Normal) => {
-            question.sweep::<1, 3, _>(&Coulomb, true, settings, go_on)
+    let whole = presolve::size(view.b);
+    let solve_part = |part: &Part, threads: usize| {
+        let mut own = *limits;
+        own.tolerance = (limits.tolerance * part.allowance(view, whole)).max(FINEST);
+        let start = start.map(|start| part.restrict(view.rows, start));
+        let scale = scale_of(part.form, &part.matrix);
+        let system = System {
+            form: part.form,
+            matrix: &part.matrix,
+            b: &part.b,
+            friction: &part.friction,
+            scale: &scale,
+        };
+        run(system, effort, &own, start.as_deref(), threads)
+    };
+    let within = matches!(effort.method, Method::Sweeps { .. });
+    let answers = reduced.each(effort.threads, within, &solve_part);
+    let Reduced {
+        impulse,
+        parts,
+        summary,
+    } = reduced;
+    let mut answer = Answer {
+        impulse,
+        details: match effort.method {
+            Method::Sweeps { .. } => Details::Sweeps(Stop::Solved),
+            Method::Exact(_) => Details::Exact(Factored::default()),
+        },
+        presolve: Some(summary),
+        ..Answer::default()
+    };
+    for (part, found) in parts.iter().zip(answers) {
+        let found = found?;
+        part.lift(view.rows, &found.impulse, &mut answer.impulse);
+        let share = presolve::size(&part.b) / whole;
+        answer.residual = answer.residual.hypot(found.residual * share);
+        answer.iterations = answer.iterations.max(found.iterations);
+        if parts.len() == 1 {
+            answer.history = found.history;
         }
-        (1, _, _) | (_, _, Program::Normal) => {
-            question.sweep::<1, 6, _>(&Coulomb, true, settings, go_on)
-        }
-        (_, 3, program) => question.sweep_with_friction::<3>(program, settings, go_on),
-        (_, _, program) => question.sweep_with_friction::<6>(program, settings, go_on),
-    }
-}
-
-struct Question<'a> {
-    system: System<'a>,
-    start: Option<&'a [f64]>,
-}
-
-impl Question<'_> {
-    fn sweep_with_friction<const D: usize>(
-        &self,
-        program: &Program,
-        settings: &Settings,
-        go_on: &mut dyn FnMut() -> bool,
-    ) -> Option<Answer> {
-        match program {
-            Program::Cone => self.sweep::<3, D, _>(&ConvexCone, false, settings, go_on),
-            Program::Polygon(corners) => {
-                self.sweep::<3, D, _>(&Program::polygon(corners), false, settings, go_on)
+        match (&mut answer.details, found.details) {
+            (Details::Sweeps(stop), Details::Sweeps(own)) if found.status > answer.status => {
+                *stop = own;
             }
-            _ => self.sweep::<3, D, _>(&Coulomb, false, settings, go_on),
+            (Details::Exact(all), Details::Exact(own)) => {
+                let lift = |ray: &[f64], lifted: &mut [f64]| part.lift(view.rows, ray, lifted);
+                all.add(own, view.b.len(), lift);
+            }
+            _ => {}
         }
+        answer.status = answer.status.max(found.status);
     }
+    if parts.len() > 1 {
+        answer.history.push((answer.iterations, answer.residual));
+    }
+    Some(answer)
+}
 
-    /// Sweep over the first R rows of each contact, with bodies of D velocities.
-    fn sweep<const R: usize, const D: usize, L: Law<R>>(
-        &self,
-        law: &L,
-        frictionless: bool,
-        settings: &Settings,
-        go_on: &mut dyn FnMut() -> bool,
-    ) -> Option<Answer> {
-        let begun = Instant::now();
-        let Question { system, start } = *self;
-        let (b, contacts) = (system.b, system.friction.len());
-        let rows = system.whitened.height;
-        // p is proportional to B. A power of two changes no digit, and keeps squares of tiny or huge velocities finite.
-        let unit = power_of_two_above(b.iter().fold(0.0, |most, value| value.abs().max(most)));
-        let first_rows = |values: &[f64]| -> Vec<Vector<R>> {
-            let contacts = values.chunks_exact(rows);
-            contacts
-                .map(|row| std::array::from_fn(|r| row[r] / unit))
-                .collect()
-        };
-        let target = first_rows(b);
-        let start = start.map_or_else(|| vec![[0.0; R]; contacts], first_rows);
-        let none = if frictionless {
-            vec![0.0; contacts]
-        } else {
-            Vec::new()
-        };
-        let square: f64 = b.iter().map(|value| (value / unit) * (value / unit)).sum();
-        let problem = gauss_seidel::Problem {
-            target: &target,
-            friction: if frictionless { &none } else { system.friction },
-            scale: system.scale,
-            target_norm: square.sqrt(),
-        };
-        let delassus = Factored::<R, D>::new(system.whitened)
-            .expect("a contact of a stack touches two bodies");
-        let outcome = gauss_seidel::solve(&delassus, law, &problem, &start, settings, go_on);
-        let status = match outcome.stop {
-            Stop::Solved => Status::Solved,
-            Stop::MaxSweeps | Stop::TimeLimit => Status::MaxIterations,
-            Stop::Stalled => Status::Stalled,
-            Stop::NumericalError => Status::NumericalError,
-            Stop::Interrupted => return None,
-        };
-        let mut impulse = vec![0.0; b.len()];
-        for (all, p) in impulse.chunks_exact_mut(rows).zip(&outcome.impulse) {
-            for r in 0..R {
-                all[r] = unit * p[r];
+impl Factored {
+    /// Take in what was found for a part, whose impulses `lift` carries to the whole system.
+    fn add(&mut self, part: Self, rows: usize, lift: impl Fn(&[f64], &mut [f64])) {
+        self.factorisations += part.factorisations;
+        self.factor_time += part.factor_time;
+        self.fill += part.fill;
+        for name in part.fallbacks {
+            if !self.fallbacks.contains(&name) {
+                self.fallbacks.push(name);
             }
         }
-        Some(Answer {
-            impulse,
-            status,
-            residual: outcome
-                .history
-                .last()
-                .map_or(0.0, |(_, residual)| *residual),
-            iterations: outcome.sweeps,
-            setup: begun.elapsed().saturating_sub(outcome.elapsed),
-            elapsed: outcome.elapsed,
-            history: outcome.history,
-            details: Details::Sweeps(outcome.stop),
-        })
+        if let Some(ray) = part.infeasibility {
+            lift(&ray, self.infeasibility.get_or_insert_with(|| vec![0.0; rows]));
+        }
     }
-}
-
-/// The power of two just above a positive number.
-fn power_of_two_above(value: f64) -> f64 {
-    let exponent = (value.to_bits() >> 52 & 0x7ff) as i32 - 1022;
-    2.0_f64.powi(exponent)
 }

@@ -213,6 +213,86 @@ impl BlockMatrix {
             .zip(values)
     }
 
+    /// The diagonal of a square matrix, by block rows.
+    pub fn diagonal(&self) -> Vec<[f64; 3]> {
+        let mut diagonal = vec![[0.0; 3]; self.block_rows()];
+        for (i, entries) in diagonal.iter_mut().enumerate() {
+            for (_, block) in self.row(i).filter(|&(j, _)| j == i) {
+                (0..self.height).for_each(|k| entries[k] += block[k * self.width + k]);
+            }
+        }
+        diagonal
+    }
+
+    /// The diagonal of H Hᵀ, by block rows.
+    pub fn squares_of_rows(&self) -> Vec<[f64; 3]> {
+        let mut squares = vec![[0.0; 3]; self.block_rows()];
+        for (i, entries) in squares.iter_mut().enumerate() {
+            for (_, block) in self.row(i) {
+                for (entry, line) in entries.iter_mut().zip(block.chunks_exact(self.width)) {
+                    *entry += line.iter().map(|value| value * value).sum::<f64>();
+                }
+            }
+        }
+        squares
+    }
+
+    /// H Hᵀ; columns ascend.
+    pub fn times_its_transpose(&self) -> Self {
+        let (rows, width) = (self.height, self.width);
+        let area = rows * width;
+        let mut users: Vec<Vec<(u32, usize)>> = vec![Vec::new(); self.block_columns];
+        for i in 0..self.block_rows() {
+            for place in self.starts[i]..self.starts[i + 1] {
+                users[self.columns[place] as usize].push((i as u32, place));
+            }
+        }
+        let mut result = Self::empty(rows, rows, self.block_rows());
+        for i in 0..self.block_rows() {
+            let own = self.starts[i]..self.starts[i + 1];
+            let seen = self.columns[own.clone()].iter();
+            let mut others: Vec<u32> = seen
+                .flat_map(|&body| users[body as usize].iter().map(|user| user.0))
+                .collect();
+            others.sort_unstable();
+            others.dedup();
+            let begin = result.columns.len();
+            result
+                .values
+                .resize((begin + others.len()) * rows * rows, 0.0);
+            for place in own {
+                let lines = self.values[place * area..][..area].chunks_exact(width);
+                for &(j, other) in &users[self.columns[place] as usize] {
+                    let at = begin + others.partition_point(|&column| column < j);
+                    let entries = &mut result.values[at * rows * rows..][..rows * rows];
+                    for (entries, line) in entries.chunks_exact_mut(rows).zip(lines.clone()) {
+                        let against = self.values[other * area..][..area].chunks_exact(width);
+                        for (entry, other) in entries.iter_mut().zip(against) {
+                            *entry += line.iter().zip(other).map(|(x, y)| x * y).sum::<f64>();
+                        }
+                    }
+                }
+            }
+            result.columns.extend(others);
+            result.starts.push(result.columns.len());
+        }
+        result
+    }
+
+    /// The same matrix with columns of zeros at the end of each block, `width` of them in all.
+    pub fn widened(&self, width: usize) -> Self {
+        let mut result = Self {
+            width,
+            values: vec![0.0; self.columns.len() * self.height * width],
+            ..self.clone()
+        };
+        let lines = self.values.chunks_exact(self.width);
+        for (wide, line) in result.values.chunks_exact_mut(width).zip(lines) {
+            wide[..self.width].copy_from_slice(line);
+        }
+        result
+    }
+
     /// The same square matrix with the pattern made symmetric and every diagonal block present; columns ascend.
     pub fn with_symmetric_pattern(self) -> Self {
         let count = self.block_rows();
@@ -421,6 +501,25 @@ mod tests {
             .with_symmetric_pattern();
         assert_eq!(matrix.columns, [0, 1, 0, 1]);
         assert_eq!(matrix.values, [0.0, 2.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn a_matrix_times_its_transpose_is_what_two_products_give() {
+        let (starts, columns) = (vec![0, 3, 4, 6], vec![0, 1, 2, 1, 2, 0]);
+        let values: Vec<f64> = (0..24).map(|k| (k % 7) as f64 - 3.0).collect();
+        let h = BlockMatrix::new(starts, columns, values, (2, 2), 3).unwrap();
+        let a = h.times_its_transpose();
+        assert_eq!(a.starts, [0, 3, 5, 7]);
+        assert_eq!(a.columns, [0, 1, 2, 0, 1, 0, 2]);
+        let p = [1.0, -2.0, 0.5, 3.0, -1.0, 4.0];
+        let (mut w, mut u, mut product) = (Vec::new(), Vec::new(), vec![[0.0; 3]; 3]);
+        h.gather(&p, &mut w);
+        h.spread(&w, &[0.0; 6], &mut u);
+        a.times(&p, &mut product);
+        let product: Vec<f64> = product.iter().flat_map(|u| &u[..2]).copied().collect();
+        assert_eq!(product, u);
+        assert_eq!(a.diagonal(), h.squares_of_rows());
+        assert_eq!(h.widened(5).times_its_transpose().values, a.values);
     }
 
     #[test]

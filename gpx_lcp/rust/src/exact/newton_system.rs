@@ -62,27 +62,10 @@ impl Operator {
 
     /// The diagonal of A, contact by contact.
     pub fn diagonal(&self) -> Vec<Vector> {
-        let rows = self.rows();
-        let mut diagonal = vec![ZERO; self.contacts()];
-        for (i, entries) in diagonal.iter_mut().enumerate() {
-            match self {
-                Self::Impulse(a) => {
-                    for (_, block) in a.row(i).filter(|&(j, _)| j == i) {
-                        (0..rows).for_each(|k| entries[k] += block[k * rows + k]);
-                    }
-                }
-                Self::Velocity(factor) => {
-                    for (_, block) in factor.row(i) {
-                        for (entry, line) in
-                            entries.iter_mut().zip(block.chunks_exact(factor.width))
-                        {
-                            *entry += line.iter().map(|value| value * value).sum::<f64>();
-                        }
-                    }
-                }
-            }
+        match self {
+            Self::Impulse(a) => a.diagonal(),
+            Self::Velocity(factor) => factor.squares_of_rows(),
         }
-        diagonal
     }
 
     /// Multiplies A by a number.

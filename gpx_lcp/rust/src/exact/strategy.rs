@@ -53,24 +53,6 @@ pub struct Report {
     pub infeasibility: Option<Vec<f64>>,
 }
 
-impl Report {
-    /// Of a start that is good enough as it is.
-    pub fn unchanged(impulse: Vec<f64>, residual: f64) -> Self {
-        Self {
-            impulse,
-            residual,
-            status: Status::Solved,
-            iterations: 0,
-            factorisations: 0,
-            factor_time: Duration::ZERO,
-            fill: 0,
-            history: vec![(0, residual)],
-            fallbacks: Vec::new(),
-            infeasibility: None,
-        }
-    }
-}
-
 #[derive(Debug, Clone, Copy)]
 enum Stage {
     /// The active-set method from the best point, while it gets on.

@@ -62,10 +62,7 @@ fn explicit<const R: usize>(
     most: impl FnOnce() -> f64,
     best: &mut Best,
 ) {
-    let starts: Vec<i64> = a.starts.iter().map(|&value| value as i64).collect();
-    let columns: Vec<i64> = a.columns.iter().map(|&value| i64::from(value)).collect();
-    let rows = BlockRows::new(&starts, &columns, &a.values, a.block_columns)
-        .expect("a block matrix has been checked");
+    let rows = BlockRows::of(a);
     with_law::<R, _>(Explicit::new(rows), problem, start, limits, most, best);
 }
 

@@ -1,6 +1,6 @@
 //! A proposal put to the conditions that make it exact, and the reduced system with its way back if it stands.
 
-use crate::exact::{BlockMatrix, Operator};
+use crate::exact::BlockMatrix;
 
 use super::local_bodies::LocalBodies;
 use super::{Form, ROUNDING, View};
@@ -165,14 +165,6 @@ impl Part {
             friction: friction.collect(),
             shares,
             growth: Growth::default(),
-        }
-    }
-
-    /// A of this part.
-    pub fn operator(&self) -> Operator {
-        match self.form {
-            Form::Velocity => Operator::Velocity(self.matrix.clone()),
-            Form::Impulse => Operator::Impulse(self.matrix.clone()),
         }
     }
 
@@ -397,13 +389,14 @@ impl Part {
     ///
     /// Islands with r_k² ≤ tol² (‖B_k‖² + ‖B‖² n_k/n)/2 add up to r ≤ tol ‖B‖: an island in which hardly anything moves
     /// need not be solved to its own last digit.
-    pub fn allowance(&self, view: &View, whole: f64, share: f64) -> f64 {
+    pub fn allowance(&self, view: &View, whole: f64) -> f64 {
         let own: f64 = self
             .contacts
             .iter()
             .map(|&contact| dot(view.target(contact), view.target(contact)))
             .sum();
-        let allowed = 0.5 * (own + whole * whole * share * self.contacts.len() as f64);
+        let share = self.contacts.len() as f64 / view.contacts() as f64;
+        let allowed = 0.5 * (own + whole * whole * share);
         (allowed / own).sqrt() / self.growth.bound()
     }
 

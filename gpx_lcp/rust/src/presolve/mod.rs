@@ -43,16 +43,16 @@ mod inactive;
 mod islands;
 mod lift;
 mod local_bodies;
+mod parts;
 mod planar;
 mod redundant;
 mod single;
-mod solving;
 mod spatial;
 mod translational;
 
 pub use islands::all_islands;
-pub use lift::Model;
-pub use solving::{Presolved, Size, Summary, solve, summary};
+pub use lift::{Model, Part, size};
+pub use parts::{Reduced, Size, Summary, reduce, summary};
 
 use crate::exact::{Contacts, Described, Law};
 

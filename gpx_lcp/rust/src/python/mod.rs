@@ -1,9 +1,8 @@
 //! The border to Python: converts arrays, releases the interpreter lock, turns errors into Python's exceptions.
 
-mod exact;
-mod gauss_seidel;
 mod records;
 mod scene;
+mod solve;
 mod solved;
 mod system;
 mod world;
@@ -15,13 +14,11 @@ mod _core {
     use pyo3::prelude::*;
 
     #[pymodule_export]
-    use super::exact::{ExactReport, exact};
-    #[pymodule_export]
-    use super::gauss_seidel::gauss_seidel;
-    #[pymodule_export]
     use super::records::{Contacts, Stack};
     #[pymodule_export]
     use super::scene::Bodies;
+    #[pymodule_export]
+    use super::solve::{Found, solve};
     #[pymodule_export]
     use super::solved::Solved;
     #[pymodule_export]

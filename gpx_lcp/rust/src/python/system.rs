@@ -1,16 +1,17 @@
 //! A stacked system as the core holds it: handed over once, then solved and judged as often as one likes.
 
+use std::borrow::Cow;
+
 use numpy::{
     IntoPyArray, PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
     PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
 
-use super::exact::law_named;
-use crate::exact::{BlockMatrix, Law, Operator, ShapeError};
-use crate::presolve::{self, Form, FreeMotion, Size, Summary, View};
-use crate::program::Program;
-use crate::solving::{Interrupted, System as Swept, held};
+use super::solve::law_named;
+use crate::exact::{BlockMatrix, Law, ShapeError};
+use crate::presolve::{self, Form, FreeMotion, Size, Summary};
+use crate::solving::{Stacked, System as Numbers, scale_of};
 
 pyo3::import_exception!(gpx_lcp.errors, ProblemError);
 
@@ -35,7 +36,7 @@ where
     )
 }
 
-pub(super) fn converted<S: Copy + std::fmt::Display, T: TryFrom<S>>(
+fn converted<S: Copy + std::fmt::Display, T: TryFrom<S>>(
     name: &str,
     values: &[S],
 ) -> PyResult<Vec<T>> {
@@ -52,9 +53,10 @@ pub(super) fn converted<S: Copy + std::fmt::Display, T: TryFrom<S>>(
 /// A, or Ĵ with A = Ĵ Ĵᵀ, by blocks, with B, μ and d = max diag A_ii of each contact.
 #[pyclass(frozen)]
 pub struct System {
-    pub operator: Operator,
+    form: Form,
+    pub matrix: BlockMatrix,
     pub target: Vec<f64>,
-    pub friction: Vec<f64>,
+    friction: Vec<f64>,
     scale: Vec<f64>,
     /// The blocks of J in the order of those of Ĵ, where presolve may read them.
     jacobian: Option<Vec<f64>>,
@@ -144,19 +146,19 @@ impl System {
         Ok(Self {
             jacobian: Some(jacobian.as_slice()?.to_vec()),
             free,
-            ..Self::new(Operator::Velocity(matrix), target, friction)?
+            ..Self::new(Form::Velocity, matrix, target, friction)?
         })
     }
 
     /// What presolve would do under one of the laws "normal", "cone" and "coulomb".
     fn presolve(&self, law: &str) -> PyResult<PresolveSummary> {
-        let view = self.view(law_named(law)?);
+        let view = self.view(law_named(law)?, self.free.as_ref());
         Ok(presolve_summary(&presolve::summary(&view)))
     }
 
     /// The contacts of each island, which no impulse of another one moves.
     fn islands<'py>(&self, py: Python<'py>) -> Vec<Bound<'py, PyArray1<u32>>> {
-        let islands = presolve::all_islands(&self.view(Law::Coulomb));
+        let islands = presolve::all_islands(&self.view(Law::Coulomb, None));
         let array = |contacts: Vec<u32>| contacts.into_pyarray(py);
         islands.into_iter().map(array).collect()
     }
@@ -165,117 +167,55 @@ impl System {
     fn residual(&self, law: &str, impulse: PyReadonlyArray1<'_, f64>) -> PyResult<f64> {
         let impulse = impulse.as_slice()?;
         same_length("impulse", impulse.len(), self.target.len())?;
-        Ok(self.residual_of(&law_named(law)?.into(), impulse))
+        Ok(self.system().residual(&law_named(law)?.into(), impulse))
     }
 }
 
-/// Whether contacts have one or three rows and two bodies at most, and bodies three or six velocities.
-fn is_of_a_scene(matrix: &BlockMatrix) -> bool {
-    let mut contacts = matrix.starts.windows(2);
-    matches!((matrix.height, matrix.width), (1 | 3, 3 | 6))
-        && contacts.all(|range| range[1] - range[0] <= 2)
+impl Stacked for System {
+    fn system(&self) -> Numbers<'_> {
+        Numbers {
+            form: self.form,
+            matrix: &self.matrix,
+            b: &self.target,
+            friction: &self.friction,
+            scale: &self.scale,
+        }
+    }
+
+    fn jacobian(&self) -> Option<&[f64]> {
+        self.jacobian.as_deref()
+    }
+
+    fn free_motion(&self) -> Option<Cow<'_, FreeMotion>> {
+        self.free.as_ref().map(Cow::Borrowed)
+    }
 }
 
 impl System {
-    /// The start impulses, or none, where that is a solution, or nearly so; with its residual.
-    pub fn settled(
-        &self,
-        program: &Program,
-        start: &[f64],
-        tolerance: f64,
-        interrupted: Interrupted,
-    ) -> Option<(Vec<f64>, f64)> {
-        let residual = self.residual_of(program, start);
-        let (friction, scale, b) = (&self.friction, &self.scale, &self.target);
-        match &self.operator {
-            Operator::Velocity(whitened) if is_of_a_scene(whitened) => {
-                let system = Swept {
-                    whitened,
-                    b,
-                    friction,
-                    scale,
-                };
-                held(system, program, start, residual, tolerance, interrupted)
-            }
-            _ => program.settled((friction, scale, b), start, residual, tolerance),
-        }
-    }
-
-    /// ‖natural map‖/‖B‖ of impulses, rows per contact. From Ĵ it is the same number, bit for bit, as in a native step.
-    pub fn residual_of(&self, program: &Program, impulse: &[f64]) -> f64 {
-        let velocity: Vec<f64> = match &self.operator {
-            Operator::Velocity(factor) => {
-                let numbers = (
-                    self.friction.as_slice(),
-                    self.scale.as_slice(),
-                    self.target.as_slice(),
-                );
-                return program.residual_of(factor, numbers, impulse);
-            }
-            Operator::Impulse(matrix) => {
-                let mut product = vec![[0.0; 3]; self.friction.len()];
-                matrix.times(impulse, &mut product);
-                let product = product.iter().flat_map(|u| &u[..matrix.height]);
-                product.zip(&self.target).map(|(u, b)| u - b).collect()
-            }
-        };
-        program.relative_map(
-            &self.friction,
-            &self.scale,
-            &self.target,
-            impulse,
-            &velocity,
-        )
-    }
-
-    /// As presolve reads it.
-    pub fn view(&self, law: Law) -> View<'_> {
-        let (form, matrix) = match &self.operator {
-            Operator::Velocity(factor) => (Form::Velocity, factor),
-            Operator::Impulse(delassus) => (Form::Impulse, delassus),
-        };
-        View {
-            form,
-            rows: matrix.height,
-            width: matrix.width,
-            bodies: matrix.block_columns,
-            starts: &matrix.starts,
-            columns: &matrix.columns,
-            whitened: &matrix.values,
-            jacobian: self.jacobian.as_deref(),
-            free: self.free.as_ref(),
-            b: &self.target,
-            largest: presolve::largest(&self.target),
-            friction: &self.friction,
-            law,
-        }
-    }
-
     fn of_delassus(
         matrix: BlockMatrix,
         target: PyReadonlyArray1<'_, f64>,
         friction: PyReadonlyArray1<'_, f64>,
     ) -> PyResult<Self> {
-        let operator = Operator::Impulse(matrix.with_symmetric_pattern());
-        Self::new(operator, target, friction)
+        Self::new(Form::Impulse, matrix.with_symmetric_pattern(), target, friction)
     }
 
     fn new(
-        operator: Operator,
+        form: Form,
+        matrix: BlockMatrix,
         target: PyReadonlyArray1<'_, f64>,
         friction: PyReadonlyArray1<'_, f64>,
     ) -> PyResult<Self> {
         let (target, friction) = (target.as_slice()?.to_vec(), friction.as_slice()?.to_vec());
-        let (contacts, rows) = (operator.contacts(), operator.rows());
+        let (contacts, rows) = (matrix.block_rows(), matrix.height);
         same_length("friction", friction.len(), contacts)?;
         same_length("B", target.len(), contacts * rows)?;
-        let diagonal = operator.diagonal();
-        let largest = |d: &[f64; 3]| d.iter().copied().fold(0.0, f64::max);
         Ok(Self {
-            scale: diagonal.iter().map(largest).collect(),
+            scale: scale_of(form, &matrix),
             jacobian: None,
             free: None,
-            operator,
+            form,
+            matrix,
             target,
             friction,
         })

@@ -1,13 +1,10 @@
-//! Reduce, solve the parts, on several threads where that pays, and lift what was found.
+//! What is left of a system when all reductions are done: its parts, and threads to solve them on.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::Duration;
-
-use crate::exact::{self, Limits, Method, Problem, Report, Status};
 
 use super::inactive::Reach;
-use super::lift::{LARGEST, Model, Part, Proposal, size};
+use super::lift::{LARGEST, Model, Part, Proposal};
 use super::local_bodies::LocalBodies;
 use super::{
     Form, View, chain, collinear, inactive, islands, planar, redundant, single, spatial,
@@ -20,8 +17,6 @@ const WORTH_A_THREAD: usize = 64;
 const SMALL: usize = 32;
 /// until so many have come together.
 const POOL: usize = 128;
-/// A tolerance below the rounding of a residual is never reached.
-const FINEST: f64 = 1e-15;
 
 /// How much of a system there is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -72,17 +67,11 @@ impl Summary {
     }
 }
 
-/// The impulses of the whole system, and what presolve did.
-pub struct Presolved {
-    pub report: Report,
-    pub summary: Summary,
-}
-
 /// What is left of a system: impulses known already, and parts to be solved.
-struct Reduced {
-    impulse: Vec<f64>,
-    parts: Vec<Part>,
-    summary: Summary,
+pub struct Reduced {
+    pub impulse: Vec<f64>,
+    pub parts: Vec<Part>,
+    pub summary: Summary,
 }
 
 /// What presolve would do, without solving anything.
@@ -99,112 +88,63 @@ pub fn summary(view: &View) -> Summary {
     )
 }
 
-/// Solves the reduced system; None where there is nothing to reduce. `start`, impulses of the whole system, is where
-/// proximal Newton begins.
-pub fn solve(
-    view: &View,
-    method: Method,
-    limits: &Limits,
-    start: Option<&[f64]>,
-    threads: usize,
-) -> Option<Presolved> {
-    let Reduced {
-        mut impulse,
-        parts,
-        summary,
-    } = reduce(view)?;
-    let whole = size(view.b);
-    let share = 1.0 / view.contacts() as f64;
-    let solve_part = |part: &Part| -> Report {
-        let problem = Problem::new(part.operator(), &part.b, &part.friction, view.law)
-            .expect("a part is a system");
-        let mut own = *limits;
-        own.tolerance = (own.tolerance * part.allowance(view, whole, share)).max(FINEST);
-        let start = start.map(|start| part.restrict(view.rows, start));
-        exact::solve(&problem, method, &own, start.as_deref())
-    };
-    let reports = each(&parts, threads, &solve_part);
-    let mut report = Report {
-        impulse: Vec::new(),
-        residual: 0.0,
-        status: Status::Solved,
-        iterations: 0,
-        factorisations: 0,
-        factor_time: Duration::ZERO,
-        fill: 0,
-        history: Vec::new(),
-        fallbacks: Vec::new(),
-        infeasibility: None,
-    };
-    for (part, found) in parts.iter().zip(reports) {
-        part.lift(view.rows, &found.impulse, &mut impulse);
-        report.residual = report
-            .residual
-            .hypot(found.residual * size(&part.b) / whole);
-        report.iterations = report.iterations.max(found.iterations);
-        report.factorisations += found.factorisations;
-        report.factor_time += found.factor_time;
-        report.fill += found.fill;
-        for name in found.fallbacks {
-            if !report.fallbacks.contains(&name) {
-                report.fallbacks.push(name);
-            }
-        }
-        if let Some(ray) = found.infeasibility {
-            let lifted = report
-                .infeasibility
-                .get_or_insert_with(|| vec![0.0; view.b.len()]);
-            part.lift(view.rows, &ray, lifted);
-        }
-        report.status = worse(report.status, found.status);
-        if parts.len() == 1 {
-            report.history = found.history;
-        }
-    }
-    if parts.len() > 1 {
-        report.history.push((report.iterations, report.residual));
-    }
-    report.impulse = impulse;
-    Some(Presolved { report, summary })
-}
-
-/// Runs one task for each part, the largest parts first, and returns the results in the order of the parts.
-fn each<T: Send>(parts: &[Part], threads: usize, task: &(impl Fn(&Part) -> T + Sync)) -> Vec<T> {
-    let total: usize = parts.iter().map(|part| part.friction.len()).sum();
-    let helpers = (threads.min(parts.len()).max(1) - 1).min(total / WORTH_A_THREAD);
-    if helpers == 0 {
-        return parts.iter().map(task).collect();
-    }
-    let mut order: Vec<usize> = (0..parts.len()).collect();
-    order.sort_by_key(|&part| std::cmp::Reverse(parts[part].matrix.values.len()));
-    let results: Vec<Mutex<Option<T>>> = parts.iter().map(|_| Mutex::new(None)).collect();
-    let next = AtomicUsize::new(0);
-    let work = || {
-        while let Some(&part) = order.get(next.fetch_add(1, Ordering::Relaxed)) {
-            let result = task(&parts[part]);
+impl Reduced {
+    /// Runs one task for each part, with the number of threads that it may use `within`, if it uses any, and returns the
+    /// results in the order of the parts.
+    ///
+    /// A part that is more than one thread's share of all gets all threads within; the others are handed out, the largest
+    /// first.
+    pub fn each<T: Send>(
+        &self,
+        threads: usize,
+        within: bool,
+        task: &(impl Fn(&Part, usize) -> T + Sync),
+    ) -> Vec<T> {
+        let size = |part: &Part| part.friction.len();
+        let total: usize = self.parts.iter().map(size).sum();
+        let results: Vec<Mutex<Option<T>>> = self.parts.iter().map(|_| Mutex::new(None)).collect();
+        let perform = |part: usize, threads: usize| {
+            let result = task(&self.parts[part], threads);
             *results[part]
                 .lock()
                 .expect("no task panics with a result locked") = Some(result);
+        };
+        let mut order: Vec<usize> = (0..self.parts.len()).collect();
+        order.sort_by_key(|&part| std::cmp::Reverse(self.parts[part].matrix.values.len()));
+        let alone = |&part: &usize| within && threads * size(&self.parts[part]) > total;
+        let (alone, others): (Vec<usize>, Vec<usize>) = order.into_iter().partition(alone);
+        alone.iter().for_each(|&part| perform(part, threads));
+        let left: usize = others.iter().map(|&part| size(&self.parts[part])).sum();
+        let helpers = (threads.min(others.len()).max(1) - 1).min(left / WORTH_A_THREAD);
+        let next = AtomicUsize::new(0);
+        let work = || {
+            while let Some(&part) = others.get(next.fetch_add(1, Ordering::Relaxed)) {
+                perform(part, 1);
+            }
+        };
+        if helpers == 0 {
+            work();
+        } else {
+            std::thread::scope(|scope| {
+                (0..helpers).for_each(|_| {
+                    scope.spawn(work);
+                });
+                work();
+            });
         }
-    };
-    std::thread::scope(|scope| {
-        (0..helpers).for_each(|_| {
-            scope.spawn(work);
-        });
-        work();
-    });
-    let done = |result: Mutex<Option<T>>| {
-        result
-            .into_inner()
-            .ok()
-            .flatten()
-            .expect("every part was visited")
-    };
-    results.into_iter().map(done).collect()
+        let done = |result: Mutex<Option<T>>| {
+            result
+                .into_inner()
+                .ok()
+                .flatten()
+                .expect("every part was visited")
+        };
+        results.into_iter().map(done).collect()
+    }
 }
 
 /// The parts that are left of a system, or None where nothing can be taken from it.
-fn reduce(view: &View) -> Option<Reduced> {
+pub fn reduce(view: &View) -> Option<Reduced> {
     let mut parts = Vec::new();
     let mut impulse = vec![0.0; view.b.len()];
     let mut summary = Summary {
@@ -450,14 +390,4 @@ fn name(part: &Part) -> &'static str {
         Model::Planar => "planar",
         Model::Collinear => "collinear",
     }
-}
-
-fn worse(one: Status, other: Status) -> Status {
-    let rank = |status| match status {
-        Status::Solved => 0,
-        Status::Stalled => 1,
-        Status::MaxIterations => 2,
-        Status::Infeasible => 3,
-    };
-    if rank(other) > rank(one) { other } else { one }
 }
