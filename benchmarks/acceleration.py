@@ -142,7 +142,13 @@ class AccelerationBench:
 
     def _step(self, way: Way, sweeps: int, judging: bool) -> Outcome:
         parts = way.steps(sweeps)
-        options = {"tolerance": TOLERANCE, "iterations": sweeps // parts, "acceleration": way.acceleration}
+        options = {
+            "tolerance": TOLERANCE,
+            "iterations": sweeps // parts,
+            "acceleration": way.acceleration,
+            # Sweeps themselves are compared.
+            "presolve": False,
+        }
         setting, part, seconds = Setting(OWN, "pgs", "coulomb", "", 0.0, options), stacks.TIME_STEP / parts, []
         outcome = Outcome(bodies=self._bodies.count)
         with closing(ENGINES[OWN].simulate(self._scene, part, setting, TIME_LIMIT)) as simulation:
@@ -189,7 +195,7 @@ class AccelerationBench:
 
 def swept(system: gpx.StackedSystem, impulse: Array) -> Array:
     """Return g(p): the impulses after one plain sweep."""
-    effort = {"max_iterations": 1, "acceleration": False}
+    effort = {"max_iterations": 1, "acceleration": False, "presolve": False}
     return gpx.solve(system, solver="pgs", tolerance=TOLERANCE, warm_start=impulse, **effort).impulse
 
 

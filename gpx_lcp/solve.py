@@ -78,9 +78,9 @@ def solve(
     facets : int
         Of the pyramids, at least 3.
     presolve : bool
-        Whether "interior_point" and "newton" solve the smallest systems with the same answer, on so many `threads` as
-        their setting says, and map the answer back; see `gpx_lcp.presolve`. "lemke" solves islands apart. Other solvers
-        take the system as it is.
+        Whether "interior_point", "newton" and "pgs" solve the smallest systems with the same answer, on so many
+        `threads` as their setting says, and map the answer back; see `gpx_lcp.presolve`. Polygons ("box", "pyramid")
+        are swept as they are. "lemke" solves islands apart. Other solvers take the system as it is.
     **settings
         The solver's own settings, e.g. `relaxation` of "pgs".
 

@@ -67,9 +67,9 @@ class GpxLcp:
     def sweeping(self, sweeps: int) -> Sequence[Setting]:
         """Return block projected Gauss-Seidel with exactly so many sweeps: its tolerance is out of reach.
 
-        Without momentum, as the peers sweep.
+        Over all contacts and without momentum, as the peers sweep.
         """
-        effort = {"iterations": sweeps, "acceleration": False}
+        effort = {"iterations": sweeps, "acceleration": False, "presolve": False}
         return [
             self._setting("pgs", formulation, f"{sweeps} sweeps", sweeps, 1e-15, **effort)
             for formulation in ("coulomb", "box", "normal")

@@ -22,11 +22,17 @@ def own_settings(mode: Mode) -> list[Setting]:
     rows = {row.name: row for row in gpx.solvers().values() if row.installed}
     names = [*ORDER, *sorted(name for name in rows if name not in ORDER)]
     return [
-        Setting(OWN, name, formulation, "", 0.0, {"tolerance": TOLERANCE if name in ORDER else BACKEND_TOLERANCE})
+        Setting(OWN, name, formulation, "", 0.0, _options(name))
         for name in names
         if not mode.solvers or name in mode.solvers
         for formulation in formulations(rows[name].programs, mode.frictionless)
     ]
+
+
+def _options(name: str) -> dict[str, float]:
+    # Where sweeps crawl is what several ladders are about: they go over the contacts as they are.
+    asked = {"presolve": False} if name == "pgs" else {}
+    return {"tolerance": TOLERANCE if name in ORDER else BACKEND_TOLERANCE, **asked}
 
 
 def formulations(programs: Iterable[str], frictionless: bool) -> list[str]:

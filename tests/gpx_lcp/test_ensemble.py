@@ -91,7 +91,7 @@ def test_an_ensemble_of_nobody_is_an_empty_table():
 
 
 def test_what_is_not_solved_is_counted():
-    table = gpx.ensemble(gpx.scenes.tower, {"n": [5]}, steps=3, workers=1, solver="pgs", iterations=1)
+    table = gpx.ensemble(gpx.scenes.tower, {"n": [5]}, steps=3, workers=1, solver="pgs", iterations=1, presolve=False)
     assert table["status"].tolist() == ["max_iterations"] and table["unsolved_steps"].tolist() == [3]
 
 

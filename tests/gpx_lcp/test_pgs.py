@@ -51,6 +51,19 @@ def _blocks(diagonal, size):
     return diagonal.reshape(-1, size)[:, :, None] * np.eye(size)
 
 
+def towers_apart(count):
+    """Towers of 20 that move in space, and know nothing of each other."""
+    rng = np.random.default_rng(1)
+    scene = gpx.Scene()
+    scene.add_static(gpx.HalfSpace())
+    for place in range(count):
+        for level in range(20):
+            linear, angular = 0.3 * rng.normal(size=(2, 3))
+            position = (3.0 * place, 0.0, 0.5 + level)
+            scene.add_rigid(gpx.Box(1, 1, 1), 1.0, position=position, velocity=linear, angular_velocity=angular)
+    return scene
+
+
 def point_mass(velocity, friction, mass=2.0):
     """One contact of a point mass with the ground; `velocity` is its free velocity, normal first."""
     return gpx.StackedSystem(np.eye(len(velocity)) / mass, -np.asarray(velocity), [friction])
@@ -383,17 +396,23 @@ def test_stops_at_the_limit_of_sweeps():
 
 
 def test_stops_at_the_limit_of_time():
-    solution = pgs(tower(30), max_iterations=10**9, tolerance=1e-14, time_limit=0.05)
+    solution = pgs(tower(30), max_iterations=10**9, tolerance=1e-14, time_limit=0.05, **PLAIN)
     assert solution.status is gpx.Status.MAX_ITERATIONS
     assert solution.extras["stopped_by"] == "time_limit"
 
 
-def test_ctrl_c_ends_a_long_run():
+@pytest.mark.parametrize("presolve", [False, True])
+@pytest.mark.parametrize("threads", [1, 2])
+def test_ctrl_c_ends_a_long_run(presolve, threads):
+    system = gpx.World(towers_apart(3), 1 / 240).system()
     handler = signal.signal(signal.SIGALRM, signal.default_int_handler)
     signal.setitimer(signal.ITIMER_REAL, 0.2)
     try:
         with pytest.raises(KeyboardInterrupt):
-            pgs(tower(30), max_iterations=10**9, tolerance=1e-14, time_limit=20.0, acceleration=False)
+            gpx.solve(
+                system, solver="pgs", max_iterations=10**9, tolerance=1e-14, time_limit=20.0, acceleration=False,
+                presolve=presolve, threads=threads,
+            )  # fmt: skip
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, handler)

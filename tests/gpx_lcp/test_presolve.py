@@ -1,5 +1,7 @@
 """Presolve: smaller systems, the same answer."""
 
+from time import perf_counter
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -66,6 +68,32 @@ def test_every_scene_of_the_library_keeps_its_velocities(name):
     assert_same_velocities(world.system())
 
 
+def swept(system: gpx.StackedSystem, **options: object) -> list[gpx.Solution]:
+    """Solve by sweeps to 1e-10, as asked and presolved."""
+    effort = {"tolerance": 1e-10, "max_iterations": 100_000, "time_limit": 10.0}
+    return [gpx.solve(system, solver="pgs", presolve=presolve, **effort, **options) for presolve in (False, True)]
+
+
+def assert_swept_alike(system: gpx.StackedSystem, **options: object) -> gpx.Solution:
+    """Sweeps reach the velocities of the exact methods with presolve wherever they do without, and oftener."""
+    plain, smaller = swept(system, **options)
+    assert plain.presolve is None
+    assert smaller.program_residual <= max(1e-10, plain.program_residual)
+    if plain.status is gpx.Status.SOLVED:
+        # A residual bounds the error of velocities but for how ill-conditioned A is.
+        largest = np.abs(system.B).max(initial=0.0)
+        np.testing.assert_allclose(smaller.velocity, plain.velocity, rtol=0, atol=1e-7 * largest)
+    return smaller
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_every_scene_of_the_library_keeps_its_velocities_under_sweeps(name):
+    world = gpx.World(SCENES[name](), time_step=1 / 240, presolve=False, tolerance=1e-10)
+    assert_swept_alike(world.system())
+    world.step(25)
+    assert_swept_alike(world.system())
+
+
 @pytest.mark.parametrize("name", MODELS)
 def test_scenes_are_recognised(name):
     report = gpx.presolve(SCENES[name]())
@@ -112,6 +140,7 @@ def test_chains_are_solved_by_hand(seed, floor):
     system = chain(10.0 ** rng.uniform(-2, 2, n), rng.normal(size=n), floor)
     solution = assert_same_velocities(system)
     assert solution.presolve.after.contacts == 0
+    np.testing.assert_array_equal(gpx.solve(system, solver="pgs").impulse, solution.impulse)
 
 
 def test_a_chain_crushed_between_two_walls_has_no_solution():
@@ -187,6 +216,7 @@ def test_random_planes_keep_their_velocities(seed):
         mass[4, 4] = rng.uniform(0.5, 2.0)
     system = stacked([(planar_blocks(rng, bodies, contacts), masses)], rng)
     solution = assert_same_velocities(system, formulation="cone")
+    assert_swept_alike(system, formulation="cone")
     report = solution.presolve
     assert {"planar", "collinear", "inactive"} & {reduction.name for reduction in report.reductions}
     assert report.after.rows <= 2 * contacts
@@ -208,7 +238,9 @@ def test_random_islands_keep_their_velocities(seed):
             for items in part[:4]:
                 items.append(items[-1])
         parts.append((part, np.tile(np.diag([1.0, 1.0, 1.0, 2.0, 3.0, 4.0]), (3, 1, 1))))
-    assert_same_velocities(stacked(parts, rng), formulation="cone")
+    system = stacked(parts, rng)
+    assert_same_velocities(system, formulation="cone")
+    assert_swept_alike(system, formulation="cone")
 
 
 @given(seed=st.integers(0, 10**6))
@@ -267,12 +299,12 @@ def test_duplicates_share_equally():
     np.testing.assert_array_equal(solution.impulse[0], solution.impulse[2])
 
 
-def islands(count):
+def islands(count, height=6):
     scene = gpx.Scene()
     scene.add_static(gpx.HalfSpace())
     rng = np.random.default_rng(5)
     for place in range(count):
-        for level in range(6):
+        for level in range(height):
             scene.add_rigid(
                 gpx.Box(1, 1, 1),
                 1.0,
@@ -283,13 +315,48 @@ def islands(count):
     return scene
 
 
-def test_islands_do_not_depend_on_the_number_of_threads():
+@pytest.mark.parametrize("solver", ["interior_point", "pgs"])
+def test_islands_do_not_depend_on_the_number_of_threads(solver):
     system = gpx.World(islands(8), time_step=1 / 240).system()
-    alone = gpx.solve(system)
+    alone = gpx.solve(system, solver=solver)
     assert alone.presolve.islands == 8
     assert alone.status is gpx.Status.SOLVED
     for threads in (2, 3):
-        np.testing.assert_array_equal(gpx.solve(system, threads=threads).impulse, alone.impulse)
+        other = gpx.solve(system, solver=solver, threads=threads)
+        np.testing.assert_array_equal(other.impulse, alone.impulse)
+        assert other.iterations == alone.iterations
+        assert other.history == alone.history
+
+
+@pytest.mark.parametrize("formulation", ["normal", "cone", "coulomb"])
+def test_threads_share_a_large_part_and_small_ones_alike(formulation):
+    """One island that is most of the system, swept by all threads, beside some that are handed out."""
+    scene = islands(6)
+    for level in range(40):
+        for place in range(6):
+            scene.add_rigid(gpx.Box(1, 1, 1), 1.0, position=(20.0 + place, 20.0, 0.5 + level), velocity=(0, 0, -level))
+    system = gpx.World(scene, time_step=1 / 240).system()
+    effort = {"solver": "pgs", "max_iterations": 30, "tolerance": 1e-15}
+    alone = gpx.solve(system, formulation, **effort)
+    assert alone.presolve.islands > 1
+    for threads in (2, 4):
+        np.testing.assert_array_equal(gpx.solve(system, formulation, threads=threads, **effort).impulse, alone.impulse)
+
+
+def test_what_a_twentieth_would_leave_is_not_taken_apart():
+    """A large island that stays as it is, with one small one: solving them apart gains nothing."""
+    scene = gpx.Scene()
+    scene.add_static(gpx.HalfSpace())
+    rng = np.random.default_rng(8)
+    for level in range(30):
+        spin = 0.1 * rng.normal(size=3)
+        scene.add_rigid(gpx.Box(1, 1, 1), 1.0, position=(0, 0, 0.5 + level), velocity=spin, angular_velocity=spin)
+    scene.add_rigid(gpx.Sphere(0.5), 1.0, position=(9, 0, 0.5), velocity=(1, 1, 0))
+    system = gpx.World(scene, time_step=1 / 240).system()
+    solution = gpx.solve(system, solver="pgs", tolerance=1e-3)
+    assert gpx.presolve(system).islands == 2
+    assert gpx.presolve(system).after.contacts == system.contacts
+    assert solution.presolve is None
 
 
 def test_a_body_that_nothing_moves_joins_no_islands():
@@ -311,11 +378,78 @@ def test_nothing_that_closes_needs_no_impulse():
     assert gpx.solve(fast, "cone").impulse[0, 0] > 0.0
 
 
-@pytest.mark.parametrize("solver", ["newton", "interior_point"])
+@pytest.mark.parametrize("name", ["wall", "slope that does not", "tower", "arch"])
+def test_a_start_that_is_solved_is_only_judged(name):
+    system = gpx.World(SCENES[name](), time_step=1 / 240).system()
+    first = gpx.solve(system, solver="pgs", tolerance=1e-9)
+    again = gpx.solve(system, solver="pgs", tolerance=1e-8, warm_start=first.impulse)
+    assert first.presolve is not None
+    assert again.presolve is None
+    assert again.iterations == 0
+    np.testing.assert_array_equal(again.impulse, first.impulse)
+
+
+def test_sweeps_start_from_the_impulses_of_the_whole():
+    system = gpx.World(SCENES["arch"](), time_step=1 / 240).system()
+    rough = gpx.solve(system, solver="pgs", tolerance=1e-3)
+    cold = gpx.solve(system, solver="pgs", tolerance=1e-5)
+    warm = gpx.solve(system, solver="pgs", tolerance=1e-5, warm_start=rough.impulse)
+    assert cold.presolve is not None
+    assert 0 < warm.iterations < cold.iterations
+
+
+def test_each_part_has_all_sweeps_to_itself():
+    """The status is that of the worst part, the number of sweeps that of the longest."""
+    system = gpx.World(islands(3, 10), time_step=1 / 240).system()
+    solution = gpx.solve(system, solver="pgs", tolerance=1e-12, max_iterations=20)
+    assert solution.status is gpx.Status.MAX_ITERATIONS
+    assert solution.iterations == 20
+    assert solution.extras["stopped_by"] == "max_sweeps"
+    ((sweeps, residual),) = solution.history
+    assert sweeps == 20
+    assert residual >= solution.program_residual * (1.0 - 1e-6)
+
+
+@pytest.mark.parametrize("formulation", ["box", "pyramid"])
+def test_polygons_are_swept_as_they_are(formulation):
+    system = gpx.World(SCENES["wall"](), time_step=1 / 240).system()
+    one, other = (gpx.solve(system, formulation, "pgs", tolerance=1e-6, presolve=p) for p in (False, True))
+    assert other.presolve is None
+    np.testing.assert_array_equal(one.impulse, other.impulse)
+
+
+def test_a_system_by_its_matrix_is_swept_by_islands():
+    system = gpx.World(islands(4, 10), time_step=1 / 240).system()
+    system = gpx.StackedSystem(system.A, system.B, system.friction)
+    solution = assert_swept_alike(system, formulation="cone")
+    assert solution.presolve.islands == 4
+
+
+def test_contacts_of_three_bodies_are_presolved_too():
+    """Two contacts, each twice over."""
+    rng = np.random.default_rng(2)
+    jacobian, B = np.tile(rng.normal(size=(6, 18)), (2, 1)), np.tile(rng.normal(size=6), 2)
+    system = gpx.StackedSystem.from_jacobian(jacobian, np.tile(np.eye(6), (3, 1, 1)), B, [0.4] * 4)
+    solution = assert_swept_alike(system, formulation="cone")
+    assert [item.name for item in solution.presolve.reductions] == ["duplicates"]
+
+
+def test_the_limit_of_time_is_that_of_all_parts():
+    system = gpx.World(islands(3, 30), time_step=1 / 240).system()
+    endless = {"solver": "pgs", "tolerance": 1e-15, "max_iterations": 10**9, "acceleration": False}
+    tick = perf_counter()
+    solution = gpx.solve(system, time_limit=0.05, **endless)
+    assert perf_counter() - tick < 1.0
+    assert solution.status is gpx.Status.MAX_ITERATIONS
+    assert solution.extras["stopped_by"] == "time_limit"
+
+
+@pytest.mark.parametrize("solver", ["newton", "interior_point", "pgs"])
 @pytest.mark.parametrize("name", ["wall", "slope that does not", "tower", "frictionless pile"])
 def test_worlds_move_the_same(name, solver):
+    effort = {"iterations": 100_000} if solver == "pgs" else {}
     worlds = [
-        gpx.World(SCENES[name](), time_step=1 / 240, solver=solver, presolve=presolve, tolerance=1e-12)
+        gpx.World(SCENES[name](), time_step=1 / 240, solver=solver, presolve=presolve, tolerance=1e-12, **effort)
         for presolve in (False, True)
     ]
     for world in worlds:

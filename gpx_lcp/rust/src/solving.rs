@@ -218,10 +218,9 @@ impl Stacked for Stack {
             let both = linear.into_iter().chain(angular);
             both.take(self.layout.columns)
         });
-        Some(Cow::Owned(FreeMotion {
-            velocity: velocity.collect(),
-            inverse_mass: self.inverse_mass(),
-        }))
+        let columns = self.layout.columns;
+        let masses = self.roots.iter().map(|root| root.inverse_mass(columns));
+        FreeMotion::of(velocity.collect(), columns, masses).map(Cow::Owned)
     }
 }
 
@@ -294,7 +293,9 @@ fn unchanged(system: System, effort: &Effort, limits: &Limits, start: &[f64]) ->
     let residual = system.residual(&effort.program, start);
     let (impulse, residual) = match effort.method {
         Method::Exact(_) => held(system, &effort.program, limits, start, residual),
-        Method::Sweeps { .. } => effort.program.settled(system, start, residual, limits.tolerance),
+        Method::Sweeps { .. } => effort
+            .program
+            .settled(system, start, residual, limits.tolerance),
     }?;
     Some(Answer {
         impulse,
@@ -487,7 +488,10 @@ impl Factored {
             }
         }
         if let Some(ray) = part.infeasibility {
-            lift(&ray, self.infeasibility.get_or_insert_with(|| vec![0.0; rows]));
+            lift(
+                &ray,
+                self.infeasibility.get_or_insert_with(|| vec![0.0; rows]),
+            );
         }
     }
 }

@@ -101,28 +101,32 @@ impl Stack {
         velocity
     }
 
-    /// M⁻¹ = L Lᵀ body by body, world frame, as blocks of columns × columns.
+    /// M⁻¹ body by body, world frame, as blocks of columns × columns.
     pub fn inverse_mass(&self) -> Vec<f64> {
         let columns = self.layout.columns;
-        let mut blocks = vec![0.0; self.roots.len() * columns * columns];
-        for (root, block) in self
-            .roots
-            .iter()
-            .zip(blocks.chunks_exact_mut(columns * columns))
-        {
-            for axis in 0..3 {
-                block[axis * columns + axis] = root.linear * root.linear;
-            }
-            if columns == 6 {
-                let inverse = root.angular * root.angular.transpose();
-                for row in 0..3 {
-                    for column in 0..3 {
-                        block[(3 + row) * 6 + 3 + column] = inverse.col(column)[row];
-                    }
+        let blocks = self.roots.iter().map(|root| root.inverse_mass(columns));
+        blocks
+            .flat_map(|block| block.into_iter().take(columns * columns))
+            .collect()
+    }
+}
+
+impl MassRoot {
+    /// M⁻¹ = L Lᵀ, world frame, as a block of columns × columns.
+    pub fn inverse_mass(&self, columns: usize) -> [f64; 36] {
+        let mut block = [0.0; 36];
+        for axis in 0..3 {
+            block[axis * columns + axis] = self.linear * self.linear;
+        }
+        if columns == 6 {
+            let inverse = self.angular * self.angular.transpose();
+            for row in 0..3 {
+                for column in 0..3 {
+                    block[(3 + row) * 6 + 3 + column] = inverse.col(column)[row];
                 }
             }
         }
-        blocks
+        block
     }
 }
 

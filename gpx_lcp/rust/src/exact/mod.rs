@@ -20,6 +20,6 @@ mod sweeps;
 
 pub use block_matrix::{BlockMatrix, ShapeError};
 pub use newton_system::Operator;
-pub use order::{Contacts, Described};
+pub use order::{Contacts, Described, by_bodies};
 pub use problem::{Law, Limits, Problem};
 pub use strategy::{Method, Report, Status, solve};

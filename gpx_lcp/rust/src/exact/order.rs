@@ -10,13 +10,14 @@
 //! Where A is all there is, its rows cannot be compared without an order of the contacts. There B, μ and the contact's own
 //! block decide, and contacts that share all three, as in a symmetric scene, stay as they came.
 
+use std::cell::Cell;
 use std::cmp::Ordering;
 
 /// Contacts by the bodies they join and the blocks of Ĵ, by B and μ.
 pub struct Contacts<'a> {
     described: Described<'a>,
-    /// Of the blocks and of B of each contact, what is rounding: see `grid`.
-    grids: Vec<[f64; 2]>,
+    /// Of the blocks and of B of each contact, what is rounding, see `grid`, once somebody has asked.
+    grids: Vec<Cell<Option<[f64; 2]>>>,
 }
 
 /// What contacts are compared by.
@@ -35,36 +36,41 @@ pub struct Described<'a> {
 
 impl<'a> Contacts<'a> {
     pub fn new(described: Described<'a>) -> Self {
-        let contacts = 0..described.friction.len() as u32;
-        let grids = |contact| [described.blocks(contact), described.target(contact)].map(grid);
         Self {
             described,
-            grids: contacts.map(grids).collect(),
+            grids: vec![Cell::new(None); described.friction.len()],
         }
+    }
+
+    fn grids(&self, contact: u32) -> [f64; 2] {
+        let known = &self.grids[contact as usize];
+        known.get().unwrap_or_else(|| {
+            let described = &self.described;
+            let grids = [described.blocks(contact), described.target(contact)].map(grid);
+            known.set(Some(grids));
+            grids
+        })
     }
 
     /// Bodies first, so that contacts of the same pair stay together; then Ĵ, B and μ.
     pub fn compare(&self, one: u32, other: u32) -> Ordering {
         let described = &self.described;
         let bodies = if described.of_bodies {
-            described.bodies(one).cmp(described.bodies(other))
+            by_bodies(described.bodies(one), described.bodies(other))
         } else {
             Ordering::Equal
         };
-        let [blocks, targets] = [Described::blocks, Described::target]
-            .map(|of| [of(described, one), of(described, other)]);
-        let rough = |values: [&[f64]; 2], at: usize| {
-            in_rough_order(values, [one, other].map(|c| self.grids[c as usize][at]))
-        };
-        bodies
-            .then_with(|| rough(blocks, 0))
-            .then_with(|| rough(targets, 1))
-            .then_with(|| in_order(blocks[0], blocks[1]))
-            .then_with(|| in_order(targets[0], targets[1]))
-            .then_with(|| {
-                let mu = |contact: u32| described.friction[contact as usize];
-                mu(one).total_cmp(&mu(other))
-            })
+        bodies.then_with(|| {
+            let [blocks, targets] = [Described::blocks, Described::target]
+                .map(|of| [of(described, one), of(described, other)]);
+            let [ones, others] = [one, other].map(|contact| self.grids(contact));
+            let mu = |contact: u32| described.friction[contact as usize];
+            in_rough_order(blocks, [ones[0], others[0]])
+                .then_with(|| in_rough_order(targets, [ones[1], others[1]]))
+                .then_with(|| in_order(blocks[0], blocks[1]))
+                .then_with(|| in_order(targets[0], targets[1]))
+                .then_with(|| mu(one).total_cmp(&mu(other)))
+        })
     }
 
     /// The contacts in order; None where they are already.
@@ -107,6 +113,15 @@ impl<'a> Described<'a> {
     }
 }
 
+/// The last body first, and what stands still behind all bodies: that is how contacts of a scene come.
+pub fn by_bodies(one: &[u32], other: &[u32]) -> Ordering {
+    let bodies = one.iter().rev().zip(other.iter().rev());
+    bodies
+        .map(|(one, other)| one.cmp(other))
+        .find(|order| order.is_ne())
+        .unwrap_or_else(|| other.len().cmp(&one.len()))
+}
+
 fn in_order(one: &[f64], other: &[f64]) -> Ordering {
     one.iter()
         .zip(other)
@@ -118,18 +133,36 @@ fn in_order(one: &[f64], other: &[f64]) -> Ordering {
 /// The same without what is below the grid of each.
 fn in_rough_order([one, other]: [&[f64]; 2], grids: [f64; 2]) -> Ordering {
     let rough = |value: f64, grid: f64| (value / grid).round() * grid + 0.0;
+    let compare = |(a, b): (&f64, &f64)| {
+        if a == b && grids[0] == grids[1] {
+            return Ordering::Equal;
+        }
+        // Further apart than rounding moves them.
+        if (a - b).abs() > grids[0] + grids[1] {
+            return a.total_cmp(b);
+        }
+        rough(*a, grids[0]).total_cmp(&rough(*b, grids[1]))
+    };
     one.iter()
         .zip(other)
-        .map(|(a, b)| rough(*a, grids[0]).total_cmp(&rough(*b, grids[1])))
+        .map(compare)
         .find(|order| order.is_ne())
         .unwrap_or(Ordering::Equal)
 }
 
 /// A power of two, some millionth of the largest number.
 fn grid(values: &[f64]) -> f64 {
-    let largest = values
-        .iter()
-        .fold(0.0_f64, |most, value| most.max(value.abs()));
+    // Four at a time, because each waits for the one before.
+    let (fours, rest) = values.as_chunks::<4>();
+    let mut most = [0.0_f64; 4];
+    for four in fours {
+        for k in 0..4 {
+            let value = four[k].abs();
+            most[k] = if value > most[k] { value } else { most[k] };
+        }
+    }
+    let all = most.iter().chain(rest);
+    let largest = all.fold(0.0_f64, |most, value| most.max(value.abs()));
     let exponent = f64::from_bits(largest.to_bits() & (0x7ff << 52));
     (exponent * 2.0_f64.powi(-20)).max(f64::MIN_POSITIVE)
 }
@@ -153,6 +186,12 @@ mod tests {
         Contacts::new(described)
             .sorted()
             .unwrap_or_else(|| (0..count as u32).collect())
+    }
+
+    #[test]
+    fn contacts_of_a_scene_come_in_order() {
+        let scene: [&[u32]; 6] = [&[0], &[0, 1], &[1], &[0, 2], &[1, 2], &[2]];
+        assert!(scene.is_sorted_by(|one, other| by_bodies(one, other).is_lt()));
     }
 
     #[test]

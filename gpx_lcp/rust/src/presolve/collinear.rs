@@ -10,6 +10,15 @@ use super::lift::{Basis, Columns, LARGEST, Model, Proposal, Share, dot, size};
 use super::local_bodies::LocalBodies;
 use super::{ROUNDING, View};
 
+/// Whether anything slides before the impulses where there is friction.
+pub fn slides(view: &View, contacts: &[u32]) -> bool {
+    let still = ROUNDING * view.largest;
+    contacts.iter().any(|&contact| {
+        let tangents = &view.target(contact)[1..];
+        view.has_friction(contact) && tangents.iter().any(|x| x.abs() > still)
+    })
+}
+
 /// Propose one contact for each run of contacts between the same bodies.
 #[inline(always)]
 pub fn propose(
@@ -19,12 +28,7 @@ pub fn propose(
     local: &LocalBodies,
 ) -> Option<Proposal> {
     // Most islands that are not collinear show it here, before anything is worked out.
-    let still = ROUNDING * view.largest;
-    let slides = |&contact: &u32| {
-        let tangents = &view.target(contact)[1..];
-        view.has_friction(contact) && tangents.iter().any(|x| x.abs() > still)
-    };
-    if contacts.iter().any(slides) {
+    if slides(view, contacts) {
         return None;
     }
     const UNMOVED: Basis = [[0.0; LARGEST]; 3];

@@ -37,6 +37,8 @@
 //! opens all that touches without rebound; and else Ĵᵀ q of the impulses q that would do for each contact alone. Either is
 //! multiplied by the least factor that opens all normals. Where none of this opens every contact, nothing is left out.
 
+use std::borrow::Cow;
+
 use crate::exact::Law;
 
 use super::lift::{dot, size, within};
@@ -59,181 +61,198 @@ pub fn nothing_closes(view: &View, contacts: &[u32]) -> bool {
 }
 
 /// A change of velocity c, seen from the contacts.
-pub struct Reach {
-    /// Ĵ c.
-    opening: Vec<f64>,
+pub struct Reach<'a> {
+    view: &'a View<'a>,
+    change: Change<'a>,
+    /// The normal row of Ĵ c at each contact; most of the time nobody asks for the others.
+    normals: Vec<f64>,
     /// ‖c‖² of each body; where A is all there is, the share of each contact in it.
-    squares: Vec<f64>,
+    squares: Cow<'a, [f64]>,
 }
 
-impl Reach {
+/// Where c comes from.
+enum Change<'a> {
+    /// c = −L⁻¹ v: Ĵ c = −J v, and ‖c‖² = v·M v. Blocks of J, and v.
+    Stop(&'a [f64], &'a [f64]),
+    /// c itself.
+    OfBodies(Vec<f64>),
+    /// c = Ĵᵀ q, of which there is q alone: Ĵ c = A q.
+    OfContacts(Vec<f64>),
+}
+
+impl<'a> Reach<'a> {
     /// A proposal for the whole system; None where no contact is apart by more than rounding, or where it cannot be made.
-    pub fn of(view: &View) -> Option<Self> {
+    pub fn of(view: &'a View<'a>) -> Option<Self> {
         let apart = -ROUNDING * view.largest;
         if !(0..view.contacts() as u32).any(|contact| view.target(contact)[0] < apart) {
             return None;
         }
-        match view.form {
-            Form::Impulse => Self::push_on_contacts(view),
-            Form::Velocity => {
-                let stop = view.free.and_then(|free| Self::stop(view, free));
-                Some(stop.unwrap_or_else(|| Self::push_on_bodies(view)))
-            }
-        }
+        let (change, squares) = match view.form {
+            Form::Impulse => push_on_contacts(view)?,
+            Form::Velocity => match (view.jacobian, view.free) {
+                (Some(jacobian), Some(free)) => (
+                    Change::Stop(jacobian, &free.velocity),
+                    Cow::Borrowed(free.energies.as_slice()),
+                ),
+                _ => push_on_bodies(view),
+            },
+        };
+        let mut reach = Self {
+            view,
+            change,
+            normals: Vec::new(),
+            squares,
+        };
+        let contacts = 0..view.contacts() as u32;
+        reach.normals = contacts.map(|contact| reach.opening(contact, 0)).collect();
+        Some(reach)
     }
 
-    /// c = −L⁻¹ v: Ĵ c = −J v, and ‖c‖² = v·M v.
-    fn stop(view: &View, free: &FreeMotion) -> Option<Self> {
-        let View { rows, width, .. } = *view;
-        let jacobian = view.jacobian?;
-        let velocity = |body: u32| &free.velocity[body as usize * width..][..width];
-        let mut opening = vec![0.0; view.b.len()];
-        for contact in 0..view.contacts() as u32 {
-            let places = view.places(contact);
-            let lines = &mut opening[contact as usize * rows..][..rows];
-            for (place, &body) in places.clone().zip(view.bodies_of(contact)) {
-                for (row, value) in lines.iter_mut().enumerate() {
-                    let line = &jacobian[(place * rows + row) * width..][..width];
-                    *value -= dot(line, velocity(body));
-                }
-            }
-        }
-        let mut squares = Vec::with_capacity(view.bodies);
-        let mut scratch = Vec::new();
-        for (velocity, block) in free
-            .velocity
-            .chunks_exact(width)
-            .zip(free.inverse_mass.chunks_exact(width * width))
-        {
-            squares.push(twice_kinetic_energy(block, velocity, &mut scratch)?);
-        }
-        Some(Self { opening, squares })
-    }
-
-    /// c = Ĵᵀ q.
-    fn push_on_bodies(view: &View) -> Self {
-        let View { rows, width, .. } = *view;
-        let mut change = vec![0.0; view.bodies * width];
-        for contact in 0..view.contacts() as u32 {
-            let push = alone(view.target(contact)[0], squared_normal(view, contact));
-            for (place, &body) in view.places(contact).zip(view.bodies_of(contact)) {
-                let moved = &mut change[body as usize * width..][..width];
-                for (sum, value) in moved.iter_mut().zip(view.row(place, 0)) {
-                    *sum += push * value;
-                }
-            }
-        }
-        let mut opening = vec![0.0; view.b.len()];
-        for contact in 0..view.contacts() as u32 {
-            for (place, &body) in view.places(contact).zip(view.bodies_of(contact)) {
+    /// A row of Ĵ c.
+    #[inline(always)]
+    fn opening(&self, contact: u32, row: usize) -> f64 {
+        let View { rows, width, .. } = *self.view;
+        let view = self.view;
+        let places = view.places(contact).zip(view.bodies_of(contact));
+        match &self.change {
+            Change::Stop(jacobian, velocity) => places.fold(0.0, |sum, (place, &body)| {
+                let line = &jacobian[(place * rows + row) * width..][..width];
+                sum - dot(line, &velocity[body as usize * width..][..width])
+            }),
+            Change::OfBodies(change) => places.fold(0.0, |sum, (place, &body)| {
                 let moved = &change[body as usize * width..][..width];
-                for (row, value) in opening[contact as usize * rows..][..rows]
-                    .iter_mut()
-                    .enumerate()
-                {
-                    *value += dot(view.row(place, row), moved);
-                }
-            }
-        }
-        let squares = change.chunks_exact(width).map(|moved| dot(moved, moved));
-        Self {
-            opening,
-            squares: squares.collect(),
+                sum + dot(view.row(place, row), moved)
+            }),
+            Change::OfContacts(pushes) => places.fold(0.0, |sum, (place, &other)| {
+                sum + view.row(place, row)[0] * pushes[other as usize]
+            }),
         }
     }
 
-    /// The same from A: Ĵ c = A q and ‖c‖² = q·A q; None where A is not symmetric, and energy means nothing.
-    fn push_on_contacts(view: &View) -> Option<Self> {
-        let rows = view.rows;
-        let push = |contact: u32| alone(view.target(contact)[0], squared_normal(view, contact));
-        let mut opening = vec![0.0; view.b.len()];
-        let mut squares = vec![0.0; view.contacts()];
-        for contact in 0..view.contacts() as u32 {
-            for (place, &other) in view.places(contact).zip(view.bodies_of(contact)) {
-                let mirrored = view.places(other).start
-                    + view.bodies_of(other).binary_search(&contact).ok()?;
-                for row in 0..rows {
-                    for column in 0..rows {
-                        let (one, two) = (
-                            view.row(place, row)[column],
-                            view.row(mirrored, column)[row],
-                        );
-                        if !within((one - two).abs(), ROUNDING * one.abs().max(two.abs())) {
-                            return None;
-                        }
-                    }
-                    opening[contact as usize * rows + row] += view.row(place, row)[0] * push(other);
-                }
-            }
-            squares[contact as usize] = push(contact) * opening[contact as usize * rows];
-        }
-        Some(Self { opening, squares })
+    /// Its tangential rows, each with the same one of B.
+    fn sliding(&self, contact: u32) -> impl Iterator<Item = (f64, f64)> {
+        let tangents = self.view.target(contact).iter().enumerate().skip(1);
+        tangents.map(move |(row, b)| (self.opening(contact, row), *b))
     }
 
     /// Leaves out the contacts of an island that are out of reach; `local` numbers its bodies.
-    pub fn leave_out(&self, view: &View, contacts: &mut Vec<u32>, local: &LocalBodies) {
-        let square: f64 = match view.form {
-            Form::Velocity => local
-                .bodies()
-                .iter()
-                .map(|&b| self.squares[b as usize])
-                .sum(),
-            Form::Impulse => contacts.iter().map(|&c| self.squares[c as usize]).sum(),
+    pub fn leave_out(&self, contacts: &mut Vec<u32>, local: &LocalBodies) {
+        let view = self.view;
+        let members = match view.form {
+            Form::Velocity => local.bodies(),
+            Form::Impulse => contacts.as_slice(),
         };
-        let Some(factor) = self.factor(view, contacts) else {
+        let square: f64 = members.iter().map(|&k| self.squares[k as usize]).sum();
+        let radius = 0.5 * square.max(0.0).sqrt();
+        let least = self.least(contacts);
+        // How far a contact is beyond what the impulses reach, and that, by the normal alone.
+        let beyond = |contact: u32, factor: f64| {
+            let reached = (1.0 + BEYOND) * factor * radius * squared_normal(view, contact).sqrt();
+            let middle = 0.5 * factor * self.normals[contact as usize];
+            (middle - view.target(contact)[0] - reached, reached)
+        };
+        // A ball that is larger reaches further: what is within reach of the smallest is within that of any other.
+        let apart = |&contact: &u32| {
+            view.target(contact)[0] < 0.0 && !within(beyond(contact, least).0, 0.0)
+        };
+        if !contacts.iter().any(apart) {
+            return;
+        }
+        let opens_all = |&factor: &f64| {
+            factor.is_finite() && contacts.iter().all(|&contact| self.opens(contact, factor))
+        };
+        let Some(factor) = [least, 1.0].into_iter().find(opens_all) else {
             return;
         };
-        let radius = 0.5 * factor * square.max(0.0).sqrt();
         contacts.retain(|&contact| {
-            let (target, opening) = (view.target(contact), self.opening(view, contact));
-            let reached = (1.0 + BEYOND) * radius * squared_normal(view, contact).sqrt();
-            let normal = 0.5 * factor * opening[0] - target[0] - reached;
+            let (normal, reached) = beyond(contact, factor);
             let sliding = if view.law == Law::Cone && view.has_friction(contact) {
-                let middle = opening[1..].iter().zip(&target[1..]);
+                let middle = self.sliding(contact);
                 let middle = middle
                     .map(|(r, b)| (0.5 * factor * r - b).powi(2))
                     .sum::<f64>();
-                let reached = (1.0 + BEYOND) * radius * squared_tangents(view, contact).sqrt();
+                let reached =
+                    (1.0 + BEYOND) * factor * radius * squared_tangents(view, contact).sqrt();
                 view.friction[contact as usize] * (middle.sqrt() + reached)
             } else {
                 0.0
             };
-            normal.is_nan() || normal <= sliding + BEYOND * (target[0].abs() + reached)
+            let target = view.target(contact)[0].abs();
+            normal.is_nan() || normal <= sliding + BEYOND * (target + reached)
         });
     }
 
-    /// The factor by which c opens all contacts; None where there is none to be found.
-    fn factor(&self, view: &View, contacts: &[u32]) -> Option<f64> {
-        let least = contacts.iter().fold(0.0_f64, |least, &contact| {
-            let closing = view.target(contact)[0];
+    /// The least factor by which c opens the normals of all contacts; infinity where there is none.
+    fn least(&self, contacts: &[u32]) -> f64 {
+        contacts.iter().fold(0.0_f64, |least, &contact| {
+            let closing = self.view.target(contact)[0];
             if closing > 0.0 {
-                least.max(closing / self.opening(view, contact)[0].max(0.0))
+                least.max(closing / self.normals[contact as usize].max(0.0))
             } else {
                 least
             }
-        });
-        [least, 1.0].into_iter().find(|&factor| {
-            factor.is_finite() && contacts.iter().all(|&c| self.opens(view, c, factor))
         })
     }
 
     /// Whether s = factor Ĵ c − B is in K*, to rounding.
-    fn opens(&self, view: &View, contact: u32, factor: f64) -> bool {
-        let (target, opening) = (view.target(contact), self.opening(view, contact));
-        let left = opening.iter().zip(target).map(|(r, b)| factor * r - b);
-        let mut left = left;
-        let normal = left.next().expect("a contact has a normal");
+    fn opens(&self, contact: u32, factor: f64) -> bool {
+        let view = self.view;
+        let normal = factor * self.normals[contact as usize] - view.target(contact)[0];
         let sliding = if view.has_friction(contact) {
+            let left = self.sliding(contact).map(|(r, b)| factor * r - b);
             view.friction[contact as usize] * left.map(|s| s * s).sum::<f64>().sqrt()
         } else {
             0.0
         };
         normal >= sliding - ROUNDING * view.largest
     }
+}
 
-    fn opening(&self, view: &View, contact: u32) -> &[f64] {
-        &self.opening[contact as usize * view.rows..][..view.rows]
+/// c = Ĵᵀ q, and ‖c‖² body by body.
+fn push_on_bodies<'a>(view: &View) -> (Change<'a>, Cow<'a, [f64]>) {
+    let width = view.width;
+    let mut change = vec![0.0; view.bodies * width];
+    for contact in 0..view.contacts() as u32 {
+        let push = alone(view.target(contact)[0], squared_normal(view, contact));
+        for (place, &body) in view.places(contact).zip(view.bodies_of(contact)) {
+            let moved = &mut change[body as usize * width..][..width];
+            for (sum, value) in moved.iter_mut().zip(view.row(place, 0)) {
+                *sum += push * value;
+            }
+        }
     }
+    let squares = change.chunks_exact(width).map(|moved| dot(moved, moved));
+    let squares = squares.collect();
+    (Change::OfBodies(change), Cow::Owned(squares))
+}
+
+/// The same from A: ‖c‖² = q·A q; None where A is not symmetric, and energy means nothing.
+fn push_on_contacts<'a>(view: &View) -> Option<(Change<'a>, Cow<'a, [f64]>)> {
+    let rows = view.rows;
+    let push = |contact: u32| alone(view.target(contact)[0], squared_normal(view, contact));
+    let pushes: Vec<f64> = (0..view.contacts() as u32).map(push).collect();
+    let mut squares = vec![0.0; view.contacts()];
+    for contact in 0..view.contacts() as u32 {
+        let mut opening = 0.0;
+        for (place, &other) in view.places(contact).zip(view.bodies_of(contact)) {
+            let mirrored =
+                view.places(other).start + view.bodies_of(other).binary_search(&contact).ok()?;
+            for row in 0..rows {
+                for column in 0..rows {
+                    let (one, two) = (
+                        view.row(place, row)[column],
+                        view.row(mirrored, column)[row],
+                    );
+                    if !within((one - two).abs(), ROUNDING * one.abs().max(two.abs())) {
+                        return None;
+                    }
+                }
+            }
+            opening += view.row(place, 0)[0] * pushes[other as usize];
+        }
+        squares[contact as usize] = pushes[contact as usize] * opening;
+    }
+    Some((Change::OfContacts(pushes), Cow::Owned(squares)))
 }
 
 /// The impulse that stops a contact on its own.
@@ -269,35 +288,82 @@ fn squared_row(view: &View, contact: u32, row: usize) -> f64 {
     }
 }
 
-/// v·M v by factors M⁻¹ = L Lᵀ; None where M⁻¹ is singular and the body moves.
+impl FreeMotion {
+    /// Of bodies with these velocities, width numbers each, and these M⁻¹, in blocks of width × width; None where one is
+    /// singular and its body moves.
+    pub fn of<Block: AsRef<[f64]>>(
+        velocity: Vec<f64>,
+        width: usize,
+        inverse_masses: impl Iterator<Item = Block>,
+    ) -> Option<Self> {
+        let mut scratch = Vec::new();
+        let bodies = velocity.chunks_exact(width).zip(inverse_masses);
+        let energies = bodies.map(|(velocity, inverse_mass)| {
+            twice_kinetic_energy(inverse_mass.as_ref(), velocity, &mut scratch)
+        });
+        Some(Self {
+            energies: energies.collect::<Option<_>>()?,
+            velocity,
+        })
+    }
+}
+
+/// v·M v; None where M⁻¹ is singular and the body moves.
 fn twice_kinetic_energy(
     inverse_mass: &[f64],
     velocity: &[f64],
     scratch: &mut Vec<f64>,
 ) -> Option<f64> {
-    let n = velocity.len();
+    let width = velocity.len();
+    let entry = |row: usize, column: usize| inverse_mass[row * width + column];
     if velocity.iter().all(|&v| v == 0.0) {
         return Some(0.0);
     }
+    if width == 6 && (3..6).all(|row| (0..3).all(|column| entry(row, column) == 0.0)) {
+        // Translation and rotation, each for itself.
+        let (linear, angular) = velocity.split_at(3);
+        let translation = by_factors(3, entry, linear, scratch)?;
+        let turn = |row: usize, column: usize| entry(row + 3, column + 3);
+        return Some(translation + by_factors(3, turn, angular, scratch)?);
+    }
+    by_factors(width, entry, velocity, scratch)
+}
+
+/// v·A⁻¹ v by factors A = L D Lᵀ of n rows.
+#[inline(always)]
+fn by_factors(
+    n: usize,
+    entry: impl Fn(usize, usize) -> f64,
+    velocity: &[f64],
+    scratch: &mut Vec<f64>,
+) -> Option<f64> {
     scratch.clear();
-    scratch.extend_from_slice(inverse_mass);
-    scratch.extend_from_slice(velocity);
+    scratch.resize(n * n + n, 0.0);
+    // L, and L⁻¹ v divided by D.
     let (factor, solved) = scratch.split_at_mut(n * n);
+    let mut square = 0.0;
     for i in 0..n {
         let (above, own) = factor.split_at_mut(i * n);
         let own = &mut own[..n];
+        let (mut pivot, mut left) = (entry(i, i), velocity[i]);
         for j in 0..i {
-            let row = &above[j * n..][..=j];
-            own[j] = (own[j] - dot(&own[..j], &row[..j])) / row[j];
+            own[j] = entry(i, j) - dot(&own[..j], &above[j * n..][..j]);
         }
-        let entry = own[i] - dot(&own[..i], &own[..i]);
-        if entry <= ROUNDING * inverse_mass[i * n + i] || entry.is_nan() {
+        for j in 0..i {
+            left -= own[j] * solved[j];
+            // 1/D lies on the diagonal.
+            let product = own[j];
+            own[j] *= above[j * n + j];
+            pivot -= product * own[j];
+        }
+        if pivot <= ROUNDING * entry(i, i) || pivot.is_nan() {
             return None;
         }
-        own[i] = entry.sqrt();
-        solved[i] = (solved[i] - dot(&own[..i], &solved[..i])) / own[i];
+        own[i] = 1.0 / pivot;
+        solved[i] = left * own[i];
+        square += left * solved[i];
     }
-    Some(dot(solved, solved))
+    Some(square)
 }
 
 #[cfg(test)]

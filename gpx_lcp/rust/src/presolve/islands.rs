@@ -30,6 +30,8 @@ pub fn islands(view: &View, contacts: &[u32]) -> Vec<Vec<u32>> {
         _ => Vec::new(),
     };
     let counts = |body: &u32| inside.is_empty() || inside[*body as usize];
+    // A body of each contact, if any.
+    let mut of_contact = Vec::with_capacity(contacts.len());
     for &contact in contacts {
         let mut first = None;
         for body in moved_bodies(view, contact).filter(counts) {
@@ -40,11 +42,12 @@ pub fn islands(view: &View, contacts: &[u32]) -> Vec<Vec<u32>> {
             }
             first = first.map(|other| other.min(root));
         }
+        of_contact.push(first);
     }
     let mut island_of = vec![u32::MAX; view.bodies];
     let mut islands: Vec<Vec<u32>> = Vec::new();
-    for &contact in contacts {
-        let Some(body) = moved_bodies(view, contact).find(counts) else {
+    for (&contact, body) in contacts.iter().zip(of_contact) {
+        let Some(body) = body else {
             islands.push(vec![contact]);
             continue;
         };

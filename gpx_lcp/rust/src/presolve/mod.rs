@@ -72,9 +72,9 @@ pub enum Form {
 #[derive(Clone, Default)]
 pub struct FreeMotion {
     /// Width numbers for each body.
-    pub velocity: Vec<f64>,
-    /// M⁻¹, width × width for each body.
-    pub inverse_mass: Vec<f64>,
+    velocity: Vec<f64>,
+    /// v·M v of each body.
+    energies: Vec<f64>,
 }
 
 /// A stacked system, as the reductions read it.
@@ -129,6 +129,11 @@ impl<'a> View<'a> {
     #[inline(always)]
     fn bodies_of(&self, contact: u32) -> &'a [u32] {
         &self.columns[self.places(contact)]
+    }
+
+    /// Contacts that are sorted by bodies, those of the same bodies at a time.
+    fn by_pairs<'b>(&self, contacts: &'b [u32]) -> impl Iterator<Item = &'b [u32]> {
+        contacts.chunk_by(|&one, &other| self.bodies_of(one) == self.bodies_of(other))
     }
 
     /// One row of a block of Ĵ.

@@ -3,6 +3,8 @@
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use crate::exact::{Law, by_bodies};
+
 use super::inactive::Reach;
 use super::lift::{LARGEST, Model, Part, Proposal};
 use super::local_bodies::LocalBodies;
@@ -13,6 +15,8 @@ use super::{
 
 /// Contacts, from which on a thread is started: it takes some 30 µs, as long as so many take to be solved.
 const WORTH_A_THREAD: usize = 64;
+/// A system is taken apart for this part of its contacts, one in so many.
+const WORTH_TAKING: usize = 20;
 /// Parts of fewer contacts are solved together,
 const SMALL: usize = 32;
 /// until so many have come together.
@@ -155,15 +159,18 @@ pub fn reduce(view: &View) -> Option<Reduced> {
     let reach = Reach::of(view);
     let islands = islands::all_islands(view);
     summary.islands = islands.len();
-    let mut touched = 0;
-    let mut pieces = Vec::new();
+    let mut pieces = Vec::with_capacity(islands.len());
     for island in islands {
-        local.renumber(view, &island);
-        touched += local.count();
         match &reach {
             Some(reach) => within_reach(view, reach, island, &mut local, &mut pieces, &mut summary),
             None => pieces.push(island),
         }
+    }
+    if let Some(largest) = pieces.iter().max_by_key(|piece| piece.len())
+        && WORTH_TAKING * (view.contacts() - largest.len()) < view.contacts()
+        && stays_as_it_is(view, largest)
+    {
+        return None;
     }
     for mut contacts in in_order(view, pieces) {
         local.renumber(view, &contacts);
@@ -218,10 +225,11 @@ pub fn reduce(view: &View) -> Option<Reduced> {
         // Small islands, all of them put together again.
         return None;
     }
+    let mut free = vec![view.form == Form::Velocity; view.bodies];
+    let touched = view.columns.iter();
+    touched.for_each(|&body| free[body as usize] = false);
     let removed = Size {
-        velocities: whole_size(view)
-            .velocities
-            .saturating_sub(touched * view.width),
+        velocities: view.width * free.into_iter().filter(|free| *free).count(),
         ..Size::default()
     };
     summary.count("free bodies", 0, removed);
@@ -230,6 +238,22 @@ pub fn reduce(view: &View) -> Option<Reduced> {
         parts,
         summary,
     })
+}
+
+/// Whether no proposal for these contacts stands, as is soon seen of most that move in space, before they are put in order.
+fn stays_as_it_is(view: &View, contacts: &[u32]) -> bool {
+    let by_bodies =
+        |one: &u32, other: &u32| by_bodies(view.bodies_of(*one), view.bodies_of(*other));
+    contacts.len() > 1
+        && view.form == Form::Velocity
+        && view.law == Law::Coulomb
+        && view.width <= LARGEST
+        && contacts.iter().all(|&contact| view.has_friction(contact))
+        && collinear::slides(view, contacts)
+        && !planar::may_be(view, contacts)
+        && !translational::may_be(view, contacts, view.rows)
+        && contacts.is_sorted_by(|one, other| by_bodies(one, other).is_le())
+        && !spatial::has_twins(view, contacts)
 }
 
 /// Islands, and the contacts of each, in an order that does not depend on the order they came in, by bodies first.
@@ -258,19 +282,20 @@ fn in_order(view: &View, islands: Vec<Vec<u32>>) -> Vec<Vec<u32>> {
 /// Leave out the contacts of an island that are out of reach, and see what it falls into.
 fn within_reach(
     view: &View,
-    reach: &Reach,
+    reach: &Reach<'_>,
     island: Vec<u32>,
     local: &mut LocalBodies,
     pieces: &mut Vec<Vec<u32>>,
     summary: &mut Summary,
 ) {
+    local.renumber(view, &island);
     let whole = part_size(view, &island, local);
     let mut left = Size::default();
     let mut waiting = vec![island];
     while let Some(mut contacts) = waiting.pop() {
         local.renumber(view, &contacts);
         let before = contacts.len();
-        reach.leave_out(view, &mut contacts, local);
+        reach.leave_out(&mut contacts, local);
         if contacts.len() == before {
             left.add(part_size(view, &contacts, local));
             pieces.push(contacts);
@@ -334,7 +359,7 @@ fn smallest_sized(view: &View, contacts: &[u32], local: &LocalBodies) -> Option<
     let alone = contacts.len() == view.contacts();
     let mut runs = Vec::new();
     let mut begin = 0;
-    for run in contacts.chunk_by(|&one, &other| view.bodies_of(one) == view.bodies_of(other)) {
+    for run in view.by_pairs(contacts) {
         runs.push(begin..begin + run.len());
         begin += run.len();
     }

@@ -19,6 +19,18 @@ type Axis = [f64; 3];
 /// Normals closer to parallel than this do not tell the plane between them.
 const DISTINCT: f64 = 1e-3;
 
+/// Whether normals and sliding of contacts with friction lie in one plane.
+pub fn may_be(view: &View, contacts: &[u32]) -> bool {
+    Frames::of(view).is_some_and(|frames| {
+        let axes = frames.normals_of_plane(contacts).unwrap_or_default();
+        let within = |axis: &Axis| {
+            let mut contacts = contacts.iter();
+            contacts.all(|&contact| frames.place(contact, axis, true).is_some())
+        };
+        axes.iter().any(within)
+    })
+}
+
 /// Propose each plane that normals and sliding lie in.
 pub fn propose(
     view: &View,
@@ -26,8 +38,7 @@ pub fn propose(
     runs: &[std::ops::Range<usize>],
     local: &LocalBodies,
 ) -> impl Iterator<Item = Proposal> {
-    let jacobian = view.jacobian.filter(|_| matches!(view.width, 3 | 6));
-    let frame = jacobian.map(|jacobian| Frames { view, jacobian });
+    let frame = Frames::of(view);
     frame.into_iter().flat_map(move |frame| {
         let candidates = frame.normals_of_plane(contacts).unwrap_or_default();
         let propose = move |axis: Axis| frame.in_plane(contacts, runs, local, &axis);
@@ -40,7 +51,12 @@ struct Frames<'a> {
     jacobian: &'a [f64],
 }
 
-impl Frames<'_> {
+impl<'a> Frames<'a> {
+    fn of(view: &'a View<'a>) -> Option<Self> {
+        let jacobian = view.jacobian.filter(|_| matches!(view.width, 3 | 6))?;
+        Some(Self { view, jacobian })
+    }
+
     /// Row `row` of J for the first body of a contact: the direction of the row, and its moment.
     fn row(&self, contact: u32, row: usize) -> (Axis, Axis) {
         let View { rows, width, .. } = *self.view;

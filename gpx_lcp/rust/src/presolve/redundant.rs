@@ -29,7 +29,7 @@ use super::{ROUNDING, View};
 pub fn leave_out(view: &View, contacts: &mut Vec<u32>) -> usize {
     let mut out: Vec<u32> = Vec::new();
     let mut most = 0;
-    for run in contacts.chunk_by(|&one, &other| view.bodies_of(one) == view.bodies_of(other)) {
+    for run in view.by_pairs(contacts) {
         if run.len() < 2 {
             continue;
         }

@@ -44,6 +44,17 @@ pub fn propose(view: &View, contacts: &[u32], runs: &[std::ops::Range<usize>]) -
     }
 }
 
+/// Whether two of these contacts, sorted by bodies, are the same.
+pub fn has_twins(view: &View, contacts: &[u32]) -> bool {
+    view.by_pairs(contacts).any(|run| {
+        let same = |(at, &one): (usize, &u32)| {
+            let mut before = run[..at].iter();
+            before.any(|&other| same_rows(view, view.rows, one, other))
+        };
+        run.iter().enumerate().any(same)
+    })
+}
+
 /// Whether two contacts between the same bodies are the same in all that matters.
 fn same_rows(view: &View, rows: usize, one: u32, other: u32) -> bool {
     let places = view.places(one).zip(view.places(other));

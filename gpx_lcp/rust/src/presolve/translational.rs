@@ -8,16 +8,21 @@ use super::lift::{Basis, Columns, LARGEST, Model, Proposal, WIDEST, size};
 use super::local_bodies::LocalBodies;
 use super::{ROUNDING, View};
 
-/// Take a proposal that keeps all velocities, and keep the translations.
-pub fn propose(view: &View, contacts: &[u32], local: &LocalBodies, all: Proposal) -> Proposal {
+/// Whether bodies rotate, and the first rows of no contact turn any.
+pub fn may_be(view: &View, contacts: &[u32], rows: usize) -> bool {
     let turns = |&contact: &u32| {
         view.places(contact).any(|place| {
-            (0..all.rows).any(|row| {
+            (0..rows).any(|row| {
                 size(&view.row(place, row)[WIDEST..]) > ROUNDING * size(view.row(place, row))
             })
         })
     };
-    if view.width <= WIDEST || view.width > LARGEST || contacts.iter().any(turns) {
+    view.width > WIDEST && view.width <= LARGEST && !contacts.iter().any(turns)
+}
+
+/// Take a proposal that keeps all velocities, and keep the translations.
+pub fn propose(view: &View, contacts: &[u32], local: &LocalBodies, all: Proposal) -> Proposal {
+    if !may_be(view, contacts, all.rows) {
         return all;
     }
     let mut translations: Basis = [[0.0; LARGEST]; WIDEST];

@@ -137,10 +137,8 @@ impl System {
             None => None,
             Some(velocity) => {
                 same_length("free_velocity", velocity.len(), velocities)?;
-                Some(FreeMotion {
-                    velocity: velocity.as_slice()?.to_vec(),
-                    inverse_mass: inverse_mass.as_slice()?.to_vec(),
-                })
+                let masses = inverse_mass.as_slice()?.chunks_exact(shape.1 * shape.1);
+                FreeMotion::of(velocity.as_slice()?.to_vec(), shape.1, masses)
             }
         };
         Ok(Self {
@@ -197,7 +195,12 @@ impl System {
         target: PyReadonlyArray1<'_, f64>,
         friction: PyReadonlyArray1<'_, f64>,
     ) -> PyResult<Self> {
-        Self::new(Form::Impulse, matrix.with_symmetric_pattern(), target, friction)
+        Self::new(
+            Form::Impulse,
+            matrix.with_symmetric_pattern(),
+            target,
+            friction,
+        )
     }
 
     fn new(
