@@ -40,9 +40,10 @@ class Presolve:
     summary = "what presolve gains: steps of the same scene as it was asked and made smaller"
     not_shown = (
         "What this does not show: other machines, where detection and solution may weigh otherwise; other solvers than "
-        "those named, and other tolerances than 1e-8 (sweeps: 1e-4). Times are whole steps, detection of contacts and motion included, which presolve does not touch; "
-        "a scene at rest that starts from its own impulses is hardly more than that. 'As asked' gives every contact "
-        "three rows and every body six velocities. On a shared machine times are good to 20-30 %."
+        "those named, and other tolerances than 1e-8, or 1e-4 of sweeps. Times are whole steps, detection of contacts "
+        "and motion included, which presolve does not touch; a scene at rest that starts from its own impulses is "
+        "hardly more than that. 'As asked' gives every contact three rows and every body six velocities. On a shared "
+        "machine times are good to 20-30 %."
     )
 
     def add_arguments(self, parser: argparse.ArgumentParser) -> None:

@@ -59,7 +59,9 @@ def test_pgs_gets_there_in_thousands_of_sweeps(tower, formulation):
 
 def test_pgs_without_momentum_takes_thousands_of_sweeps(tower):
     system, contacts = tower
-    solution = gpx.solve(system, "normal", "pgs", presolve=False, tolerance=1e-8, max_iterations=50_000, acceleration=False)
+    solution = gpx.solve(
+        system, "normal", "pgs", presolve=False, tolerance=1e-8, max_iterations=50_000, acceleration=False
+    )
     assert solution.status is gpx.Status.SOLVED
     assert 1_000 < solution.iterations
     assert solution.certificate.natural_map <= 1e-6
@@ -71,6 +73,8 @@ def test_pgs_without_momentum_takes_thousands_of_sweeps(tower):
 def test_pgs_without_momentum_takes_millions_of_sweeps_where_there_is_friction(tower, formulation):
     """Friction ties the cubes into a beam, whose bending spreads far slower than the load: that is what sweeps cost."""
     system, contacts = tower
-    solution = gpx.solve(system, formulation, "pgs", presolve=False, tolerance=1e-6, max_iterations=10_000_000, acceleration=False)
+    solution = gpx.solve(
+        system, formulation, "pgs", presolve=False, tolerance=1e-6, max_iterations=10_000_000, acceleration=False
+    )
     assert solution.status is gpx.Status.SOLVED
     assert load_error(contacts, solution) <= 1e-6
