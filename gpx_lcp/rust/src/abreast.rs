@@ -4,7 +4,9 @@
 //! share the batches of a colour, and are waited for before the next colour begins. Who visits a batch changes nothing in
 //! it, so the bits do not depend on the number of threads.
 
+use std::mem::MaybeUninit;
 use std::ops::Range;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use crate::colouring::NONE;
 use crate::contact::{Contact, Law};
@@ -13,7 +15,7 @@ use crate::delassus::Sweeper;
 use crate::lanes::x86_64::{Pair, Wide};
 use crate::lanes::{EightLanes, LANES, Oct, Portable};
 use crate::small_matrix::Vector;
-use crate::team::Team;
+use crate::team::{Team, front};
 
 /// Visits of a piece of work, at least: two microseconds, so that taking it costs little.
 const PIECE: usize = 16;
@@ -43,6 +45,67 @@ pub struct Batch {
     pub visits: Range<usize>,
 }
 
+/// Where visits are written side by side, by several threads. Rows that visits share leave some of theirs unused.
+pub struct Room<'a, const R: usize> {
+    /// Rows for each visit, at most.
+    lines: usize,
+    /// The number of the first row among all.
+    first: u32,
+    /// Rows and visits written here.
+    taken: usize,
+    rows: &'a mut [MaybeUninit<Oct>],
+    places: &'a mut [MaybeUninit<Place>],
+    visits: &'a mut [MaybeUninit<Contact<Oct, R>>],
+    contacts: &'a mut [MaybeUninit<[u32; LANES]>],
+    /// Visits written in all rooms.
+    filled: &'a AtomicUsize,
+}
+
+impl<'a, const R: usize> Room<'a, R> {
+    /// Take room for so many visits off the front.
+    pub fn take(&mut self, visits: usize) -> Self {
+        let rows = self.lines * visits;
+        let room = Room {
+            lines: self.lines,
+            first: self.first,
+            taken: 0,
+            rows: front(&mut self.rows, rows),
+            places: front(&mut self.places, visits),
+            visits: front(&mut self.visits, visits),
+            contacts: front(&mut self.contacts, visits),
+            filled: self.filled,
+        };
+        self.first += rows as u32;
+        room
+    }
+
+    /// Write rows, and return the number of the first.
+    pub fn add_rows(&mut self, rows: impl Iterator<Item = Oct>) -> u32 {
+        let begin = self.first + self.taken as u32;
+        for row in rows {
+            self.rows[self.taken].write(row);
+            self.taken += 1;
+        }
+        begin
+    }
+
+    /// Rows that were written here.
+    pub fn rows(&self, begin: u32, count: usize) -> &[Oct] {
+        let begin = (begin - self.first) as usize;
+        let rows = &self.rows[..self.taken][begin..begin + count];
+        // SAFETY: they were written, and MaybeUninit changes no layout.
+        unsafe { std::slice::from_raw_parts(rows.as_ptr().cast(), count) }
+    }
+
+    /// Write the next visit.
+    pub fn add(&mut self, visit: Contact<Oct, R>, contacts: [u32; LANES], place: Place) {
+        front(&mut self.places, 1)[0].write(place);
+        front(&mut self.visits, 1)[0].write(visit);
+        front(&mut self.contacts, 1)[0].write(contacts);
+        self.filled.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
 pub struct Abreast<'a, const R: usize, const D: usize, L: Law<R>> {
     law: &'a L,
     /// Contacts of the system.
@@ -50,12 +113,12 @@ pub struct Abreast<'a, const R: usize, const D: usize, L: Law<R>> {
     /// What the contacts that no impulse moves add to the square of the residual.
     locked: f64,
     /// Ĵ, where the places of the visits tell.
-    pub rows: Vec<Oct>,
-    pub places: Vec<Place>,
+    rows: Vec<MaybeUninit<Oct>>,
+    places: Vec<Place>,
     /// In the order of a sweep, one contact of each of eight groups.
-    pub visits: Vec<Contact<Oct, R>>,
+    visits: Vec<Contact<Oct, R>>,
     /// The numbers in the system of a visit's contacts.
-    pub contacts: Vec<[u32; LANES]>,
+    contacts: Vec<[u32; LANES]>,
     pub batches: Vec<Batch>,
     /// Eight to a visit.
     locals: Vec<L::Local>,
@@ -86,7 +149,7 @@ enum Task {
 /// What the threads of a team write to: each its own visits, and in one colour its own bodies.
 struct Work<'a, const R: usize, const D: usize, L: Law<R>> {
     law: &'a L,
-    rows: &'a [Oct],
+    rows: &'a [MaybeUninit<Oct>],
     places: &'a [Place],
     batches: &'a [Batch],
     contacts: &'a [[u32; LANES]],
@@ -123,14 +186,6 @@ impl<'a, const R: usize, const D: usize, L: Law<R>> Abreast<'a, R, D, L> {
         }
     }
 
-    /// Make room for so many visits, whose contacts do nothing yet.
-    pub fn make_room(&mut self, visits: usize) {
-        self.rows.reserve_exact(2 * R * D * visits);
-        self.places.reserve_exact(visits);
-        self.contacts.reserve_exact(visits);
-        self.visits.resize(visits, Contact::idle());
-    }
-
     /// Make the batches from `first` on a colour, cut where PIECE visits are full.
     pub fn end_colour(&mut self, first: usize) {
         let mut pieces = Vec::new();
@@ -145,9 +200,33 @@ impl<'a, const R: usize, const D: usize, L: Law<R>> Abreast<'a, R, D, L> {
         self.colours.push(pieces);
     }
 
-    /// Make ready to sweep, with so many states.
-    pub fn end(&mut self, states: usize) {
-        let visits = self.visits.len();
+    /// Make ready to sweep over so many visits, with so many states; `fill` fills the room for the visits.
+    pub fn lay_out(&mut self, visits: usize, states: usize, fill: impl FnOnce(Room<R>)) {
+        let lines = 2 * R * D;
+        self.rows.reserve_exact(lines * visits);
+        // SAFETY: nothing is what such rows must hold.
+        unsafe { self.rows.set_len(lines * visits) };
+        self.places.reserve_exact(visits);
+        self.visits.reserve_exact(visits);
+        self.contacts.reserve_exact(visits);
+        let filled = AtomicUsize::new(0);
+        fill(Room {
+            lines,
+            first: 0,
+            taken: 0,
+            rows: &mut self.rows,
+            places: &mut self.places.spare_capacity_mut()[..visits],
+            visits: &mut self.visits.spare_capacity_mut()[..visits],
+            contacts: &mut self.contacts.spare_capacity_mut()[..visits],
+            filled: &filled,
+        });
+        assert_eq!(filled.into_inner(), visits, "a visit is missing");
+        // SAFETY: every visit has been written.
+        unsafe {
+            self.places.set_len(visits);
+            self.visits.set_len(visits);
+            self.contacts.set_len(visits);
+        }
         self.locals.resize_with(LANES * visits, L::Local::default);
         self.states.resize(states, State::default());
         self.states_before.resize(states, State::default());
@@ -340,8 +419,8 @@ impl<const R: usize, const D: usize, L: Law<R>> Work<'_, R, D, L> {
     fn row<V: EightLanes>(&self, begin: u32, columns: usize, side: usize, r: usize, d: usize) -> V {
         // SAFETY: places tell where rows are.
         V::load(unsafe {
-            self.rows
-                .get_unchecked(begin as usize + (side * R + r) * columns + d)
+            let at = begin as usize + (side * R + r) * columns + d;
+            self.rows.get_unchecked(at).assume_init_ref()
         })
     }
 
@@ -429,10 +508,6 @@ impl<const R: usize, const D: usize, L: Law<R>> Work<'_, R, D, L> {
 }
 
 impl<const R: usize, const D: usize, L: Law<R>> Sweeper<R> for Abreast<'_, R, D, L> {
-    fn threads(&self) -> usize {
-        self.colours.iter().map(Vec::len).max().unwrap_or(1)
-    }
-
     fn sweep(&mut self, team: &Team, relaxation: f64, momentum: f64) -> f64 {
         self.perform(Task::Carry { beta: momentum }, team);
         self.perform(

@@ -64,31 +64,33 @@ pub trait Delassus<const R: usize>: Sync {
     /// A_ii, as given.
     fn diagonal_block(&self, i: usize) -> Matrix<R>;
 
-    /// Lay the contacts out for sweeps that start from the impulses `start`.
+    /// Lay the contacts out for sweeps that start from the impulses `start`; the team takes part.
     fn sweeper<'a, L: Law<R>>(
         &'a self,
         law: &'a L,
         problem: &'a Problem<'a, R>,
         start: &[Vector<R>],
+        team: &Team,
     ) -> impl Sweeper<R> + 'a;
+}
 
-    /// Contact i with its start impulse, brought to the law; None where no impulse moves it, and its own is zero.
-    fn contact<L: Law<R>>(
-        &self,
-        i: usize,
-        law: &L,
-        problem: &Problem<R>,
-        start: &Vector<R>,
-    ) -> Option<Contact<f64, R>> {
-        let block = self.diagonal_block(i);
-        if !(0..R).any(|r| block[r][r] > 0.0) {
-            return None;
-        }
-        let friction = problem.friction[i];
-        let mut contact = Contact::new(&block, problem.target[i], friction, problem.scale[i]);
-        contact.impulse = allowed(law, friction, start);
-        Some(contact)
-    }
+/// Whether an impulse moves a contact of this block A_ii at all; the impulse of one that is not moved is zero.
+pub fn is_movable<const R: usize>(block: &Matrix<R>) -> bool {
+    (0..R).any(|r| block[r][r] > 0.0)
+}
+
+/// A movable contact i of this block A_ii with its start impulse, brought to the law.
+pub fn contact<const R: usize, L: Law<R>>(
+    i: usize,
+    block: &Matrix<R>,
+    law: &L,
+    problem: &Problem<R>,
+    start: &Vector<R>,
+) -> Contact<f64, R> {
+    let friction = problem.friction[i];
+    let mut contact = Contact::new(block, problem.target[i], friction, problem.scale[i]);
+    contact.impulse = allowed(law, friction, start);
+    contact
 }
 
 /// The impulse itself where the law allows it, or the nearest one that it allows.
@@ -106,9 +108,6 @@ pub fn allowed<const R: usize, L: Law<R>>(
 
 /// Contacts laid out for sweeps; a sweep visits each once.
 pub trait Sweeper<const R: usize> {
-    /// How many threads can find work at the same time, at least one.
-    fn threads(&self) -> usize;
-
     /// Take `relaxation` times the exact step at every contact, from y = p + β (p - x) with β the `momentum`, p the
     /// impulses now and x those before the last sweep; returns Σ d_i (p' - y)_i · (p' - p)_i, p' being those after it.
     ///

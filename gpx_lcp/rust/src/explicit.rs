@@ -1,7 +1,7 @@
 //! Sweeps on A itself: every contact reads its row of A, one contact after the other in the order of the system.
 
 use crate::contact::{Contact, Law};
-use crate::delassus::{BlockRows, Delassus, Sweeper};
+use crate::delassus::{BlockRows, Delassus, Sweeper, contact, is_movable};
 use crate::gauss_seidel::Problem;
 use crate::small_matrix::{Matrix, Vector, dot};
 use crate::team::Team;
@@ -38,11 +38,14 @@ impl<const R: usize> Delassus<R> for Explicit<R> {
         law: &'a L,
         problem: &'a Problem<'a, R>,
         start: &[Vector<R>],
+        _team: &Team,
     ) -> impl Sweeper<R> + 'a {
         let mut impulse = vec![[0.0; R]; self.len()];
         let mut contacts = Vec::with_capacity(self.len());
         for (i, start) in start.iter().enumerate() {
-            if let Some(contact) = self.contact(i, law, problem, start) {
+            let block = self.diagonal_block(i);
+            if is_movable(&block) {
+                let contact = contact(i, &block, law, problem, start);
                 impulse[i] = contact.impulse;
                 contacts.push(Row {
                     index: i,
@@ -128,10 +131,6 @@ fn velocity<const R: usize>(
 }
 
 impl<const R: usize, L: Law<R>> Sweeper<R> for Rows<'_, R, L> {
-    fn threads(&self) -> usize {
-        1
-    }
-
     fn sweep(&mut self, _team: &Team, relaxation: f64, momentum: f64) -> f64 {
         for Row { index, contact, .. } in &mut self.contacts {
             let (p, x) = (self.impulse[*index], &mut self.before[*index]);

@@ -7,14 +7,19 @@
 
 use std::ops::Range;
 
-use crate::abreast::{Abreast, Batch, Place};
-use crate::colouring::{NONE, coloured};
-use crate::contact::Law;
-use crate::delassus::{Delassus, Sweeper};
+use crate::abreast::{Abreast, Batch, Place, Room};
+use crate::colouring::{self, NONE, coloured};
+use crate::contact::{Contact, Law};
+use crate::delassus::{self, Delassus, Sweeper, is_movable};
 use crate::exact::BlockMatrix;
 use crate::gauss_seidel::Problem;
 use crate::lanes::{LANES, Oct};
 use crate::small_matrix::{Matrix, Vector, dot};
+use crate::team::Team;
+
+/// Contacts, or visits of eight, of a piece of work: some ten microseconds.
+const CONTACTS: usize = 512;
+const VISITS: usize = 32;
 
 /// The blocks of one contact, zero where there is no body.
 type Sides<const R: usize, const D: usize> = [[[f64; D]; R]; 2];
@@ -69,8 +74,7 @@ impl<const R: usize, const D: usize> Delassus<R> for Factored<'_, R, D> {
     }
 
     fn diagonal_block(&self, i: usize) -> Matrix<R> {
-        let [a, b] = &self.sides(i);
-        std::array::from_fn(|r| std::array::from_fn(|c| dot(&a[r], &a[c]) + dot(&b[r], &b[c])))
+        block(&self.sides(i))
     }
 
     fn sweeper<'a, L: Law<R>>(
@@ -78,13 +82,20 @@ impl<const R: usize, const D: usize> Delassus<R> for Factored<'_, R, D> {
         law: &'a L,
         problem: &'a Problem<'a, R>,
         start: &[Vector<R>],
+        team: &Team,
     ) -> impl Sweeper<R> + 'a {
-        let (mut movable, mut contacts) = (Vec::new(), Vec::new());
-        let mut locked = 0.0;
-        for (i, start) in start.iter().enumerate() {
-            if let Some(contact) = self.contact(i, law, problem, start) {
+        let mut can_move = vec![false; self.len()];
+        let mut parts: Vec<_> = can_move.chunks_mut(CONTACTS).enumerate().collect();
+        team.each(&mut parts, |(part, can_move)| {
+            for (i, can_move) in (CONTACTS * *part..).zip(can_move.iter_mut()) {
+                *can_move = is_movable(&self.diagonal_block(i));
+            }
+        });
+        let (mut movable, mut pairs, mut locked) = (Vec::new(), Vec::new(), 0.0);
+        for (i, can_move) in can_move.into_iter().enumerate() {
+            if can_move {
                 movable.push(i as u32);
-                contacts.push(contact);
+                pairs.push(self.pairs[i]);
             } else {
                 let velocity = problem.target[i].map(|value| -value);
                 let map =
@@ -92,69 +103,101 @@ impl<const R: usize, const D: usize> Delassus<R> for Factored<'_, R, D> {
                 locked += dot(&map, &map);
             }
         }
-        let pairs: Vec<[u32; 2]> = movable.iter().map(|&i| self.pairs[i as usize]).collect();
         let mut sweeper = Abreast::<R, D, L>::new(law, self.len(), locked);
         let colours = coloured(&pairs);
-        let visits = colours.iter().flatten().map(|batch| batch.contacts.len());
-        sweeper.make_room(visits.sum());
         let mut slots = self.whitened.block_columns;
-        for colour in colours {
+        let mut visits = 0;
+        for colour in &colours {
             let first = sweeper.batches.len();
             for batch in colour {
-                let start = sweeper.places.len();
+                let begin = visits;
+                visits += batch.contacts.len();
                 let mut bodies = batch.bodies;
                 // What stands still has a state of its own in every lane, which stays zero.
                 for body in bodies.iter_mut().flatten().filter(|body| **body == NONE) {
                     *body = slots as u32;
                     slots += 1;
                 }
-                for lanes in batch.contacts {
-                    let visit = &mut sweeper.visits[sweeper.places.len()];
-                    let mut numbers = [NONE; LANES];
-                    let mut sides = [[[[0.0; D]; R]; 2]; LANES];
-                    for lane in (0..LANES).filter(|&lane| lanes[lane] != NONE) {
-                        let contact = lanes[lane] as usize;
-                        numbers[lane] = movable[contact];
-                        sides[lane] = self.sides(movable[contact] as usize);
-                        visit.set(lane, &contacts[contact]);
-                    }
-                    let before = sweeper.places[start..].last().copied();
-                    let place = laid_out(&mut sweeper.rows, &sides, &numbers, before);
-                    sweeper.places.push(place);
-                    sweeper.contacts.push(numbers);
-                }
                 sweeper.batches.push(Batch {
                     bodies,
-                    visits: start..sweeper.places.len(),
+                    visits: begin..visits,
                 });
             }
             sweeper.end_colour(first);
         }
-        sweeper.end(slots);
+        let batches: Vec<colouring::Batch> = colours.into_iter().flatten().collect();
+        sweeper.lay_out(visits, slots, |mut room| {
+            let mut parts = Vec::new();
+            let (mut begin, mut visits) = (0, 0);
+            for (at, batch) in batches.iter().enumerate() {
+                visits += batch.contacts.len();
+                if visits >= VISITS || at + 1 == batches.len() {
+                    parts.push((&batches[begin..=at], room.take(visits)));
+                    (begin, visits) = (at + 1, 0);
+                }
+            }
+            team.each(&mut parts, |(batches, room)| {
+                for batch in *batches {
+                    lay_out(self, batch, &movable, (law, problem, start), room);
+                }
+            });
+        });
         sweeper
     }
 }
 
-/// Append the rows of a visit's contacts, `numbers` telling in which lanes there are any; `before` is the visit before in
-/// the same groups.
-fn laid_out<const R: usize, const D: usize>(
-    rows: &mut Vec<Oct>,
-    sides: &[Sides<R, D>; LANES],
-    numbers: &[u32; LANES],
-    before: Option<Place>,
-) -> Place {
-    let split = Place::forces(D);
-    let shared = before.filter(|place| {
-        let stored = &rows[place.forces as usize..][..2 * R * split];
-        holds(stored, sides, numbers, split)
-    });
-    let forces = shared.map_or(rows.len() as u32, |place| place.forces);
-    if shared.is_none() {
-        append(rows, sides, numbers, 0..split);
+/// A_ii.
+fn block<const R: usize, const D: usize>([a, b]: &Sides<R, D>) -> Matrix<R> {
+    std::array::from_fn(|r| std::array::from_fn(|c| dot(&a[r], &a[c]) + dot(&b[r], &b[c])))
+}
+
+/// Lay a batch out in its room; `movable` gives the numbers of its contacts in the system.
+fn lay_out<const R: usize, const D: usize, L: Law<R>>(
+    factored: &Factored<R, D>,
+    batch: &colouring::Batch,
+    movable: &[u32],
+    (law, problem, start): (&L, &Problem<R>, &[Vector<R>]),
+    room: &mut Room<R>,
+) {
+    let mut shared = None;
+    for lanes in &batch.contacts {
+        let mut visit = Contact::idle();
+        let mut numbers = [NONE; LANES];
+        let mut sides = [[[[0.0; D]; R]; 2]; LANES];
+        for lane in (0..LANES).filter(|&lane| lanes[lane] != NONE) {
+            let number = movable[lanes[lane] as usize];
+            let i = number as usize;
+            numbers[lane] = number;
+            sides[lane] = factored.sides(i);
+            let block = block(&sides[lane]);
+            let contact = delassus::contact(i, &block, law, problem, &start[i]);
+            visit.set(lane, &contact);
+        }
+        let split = Place::forces(D);
+        let holds = |&begin: &u32| {
+            let stored = room.rows(begin, 2 * R * split);
+            holds(stored, &sides, &numbers, split)
+        };
+        let forces = shared.filter(holds);
+        let forces = forces.unwrap_or_else(|| room.add_rows(entries(&sides, 0..split)));
+        shared = Some(forces);
+        let moments = room.add_rows(entries(&sides, split..D));
+        room.add(visit, numbers, Place { forces, moments });
     }
-    let moments = rows.len() as u32;
-    append(rows, sides, numbers, split..D);
-    Place { forces, moments }
+}
+
+/// Some columns of all blocks, row by row, a contact in each lane.
+fn entries<const R: usize, const D: usize>(
+    sides: &[Sides<R, D>; LANES],
+    columns: Range<usize>,
+) -> impl Iterator<Item = Oct> {
+    (0..2 * R).flat_map(move |line| {
+        columns.clone().map(move |column| {
+            Oct(std::array::from_fn(|lane| {
+                sides[lane].as_flattened()[line][column]
+            }))
+        })
+    })
 }
 
 /// Whether the first columns of all blocks are what is stored.
@@ -180,27 +223,4 @@ fn holds<const R: usize, const D: usize>(
         }
     }
     true
-}
-
-/// Append some columns of all blocks.
-fn append<const R: usize, const D: usize>(
-    rows: &mut Vec<Oct>,
-    sides: &[Sides<R, D>; LANES],
-    numbers: &[u32; LANES],
-    columns: Range<usize>,
-) {
-    let (begin, width) = (rows.len(), columns.len());
-    rows.resize(begin + 2 * R * width, Oct::default());
-    for lane in 0..LANES {
-        if numbers[lane] == NONE {
-            continue;
-        }
-        let entries = sides[lane]
-            .as_flattened()
-            .iter()
-            .flat_map(|line| &line[columns.clone()]);
-        for (oct, value) in rows[begin..].iter_mut().zip(entries) {
-            oct.0[lane] = *value;
-        }
-    }
 }

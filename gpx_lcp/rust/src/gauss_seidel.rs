@@ -115,9 +115,9 @@ pub fn solve_while<const R: usize, A: Delassus<R>, L: Law<R>>(
     go_on: &mut dyn FnMut() -> bool,
     promising: &mut dyn FnMut(&History) -> bool,
 ) -> Outcome<R> {
-    let mut sweeper = delassus.sweeper(law, problem, start);
     let watch = Watch { go_on, promising };
-    Team::with(settings.threads.min(sweeper.threads()), |team| {
+    Team::with(settings.threads, |team| {
+        let mut sweeper = delassus.sweeper(law, problem, start, team);
         iterate(&mut sweeper, team, problem, settings, watch)
     })
 }

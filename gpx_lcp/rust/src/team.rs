@@ -1,11 +1,12 @@
 //! Threads that share the work of one colour after the other.
 //!
 //! A colour of some thousand contacts takes ten microseconds: less than it takes to wake a sleeping thread, so that the
-//! helpers of a solve stay awake and look for work. Each thread has a share of its own, the same stretch of pieces in
+//! helpers of a team stay awake and look for work. Each thread has a share of its own, the same stretch of pieces in
 //! every job, so that what it works on stays in its cache; whoever is done with that takes from the others. A helper that
 //! the system has put aside for a while is then not waited for, unless it has a piece in hand.
 
-use std::cell::UnsafeCell;
+use std::cell::{Cell, UnsafeCell};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::thread;
 
@@ -14,8 +15,17 @@ const SPINS: usize = 2000;
 
 type Job<'a> = dyn Fn(usize) + Sync + 'a;
 
-/// The threads of one solve, this one included.
-pub struct Team {
+/// The threads that share a piece of work after the other, this one included.
+pub struct Team<'scope, 'env> {
+    board: &'env Board,
+    /// Where helpers are started when there is work for them; None for a thread alone.
+    scope: Option<&'scope thread::Scope<'scope, 'env>>,
+    started: Cell<bool>,
+}
+
+/// What threads need to know of each other.
+struct Board {
+    /// How many threads there are.
     size: usize,
     /// One for each thread.
     shares: Vec<Share>,
@@ -25,6 +35,7 @@ pub struct Team {
     job: UnsafeCell<Option<*const Job<'static>>>,
     /// There will be no more jobs.
     over: AtomicBool,
+    /// A piece of the present job has panicked.
     broken: AtomicBool,
 }
 
@@ -35,12 +46,12 @@ pub struct Team {
 struct Share(AtomicU64);
 
 // SAFETY: `job` is written only while no piece is left to take or in hand, and read only by who has taken one.
-unsafe impl Sync for Team {}
+unsafe impl Sync for Board {}
 
-impl Team {
+impl Team<'_, '_> {
     /// Call `body` with a team of `size` threads, which are gone when it returns.
     pub fn with<T>(size: usize, body: impl FnOnce(&Team) -> T) -> T {
-        let team = Team {
+        let board = Board {
             size,
             shares: (0..size).map(|_| Share::default()).collect(),
             pieces: AtomicUsize::new(0),
@@ -49,46 +60,69 @@ impl Team {
             over: AtomicBool::new(false),
             broken: AtomicBool::new(false),
         };
+        let (board, started) = (&board, Cell::new(false));
         if size == 1 {
-            return body(&team);
+            let scope = None;
+            return body(&Team {
+                board,
+                scope,
+                started,
+            });
         }
         thread::scope(|scope| {
-            let team = &team;
-            for thread in 1..size {
-                scope.spawn(move || team.help(thread));
-            }
-            let _end = Raised(&team.over);
-            body(team)
+            let _end = Raised(&board.over);
+            let scope = Some(scope);
+            body(&Team {
+                board,
+                scope,
+                started,
+            })
         })
+    }
+
+    /// Call `task` once with each part, in any order and by any thread, and wait until all are done.
+    pub fn each<T: Send>(&self, parts: &mut [T], task: impl Fn(&mut T) + Sync) {
+        let first = Parts(parts.as_mut_ptr());
+        self.run(parts.len(), &|piece| {
+            let first = &first;
+            // SAFETY: a piece is a part, and each is run once.
+            task(unsafe { &mut *first.0.add(piece) });
+        });
     }
 
     /// Call `job` once with each number below `pieces`, in any order and by any thread, and wait until all are done.
     pub fn run(&self, pieces: usize, job: &Job) {
-        if self.size == 1 || pieces == 1 {
+        let board = self.board;
+        let Some(scope) = self.scope.filter(|_| pieces > 1) else {
             return (0..pieces).for_each(job);
+        };
+        if !self.started.replace(true) {
+            for thread in 1..board.size {
+                scope.spawn(move || board.help(thread));
+            }
         }
         // SAFETY: all pieces of the job before are done. This one is used only by who has taken a piece of it, and they
         // are waited for, so that it outlives its use.
         unsafe {
-            *self.job.get() = Some(std::mem::transmute::<*const Job, *const Job<'static>>(job))
+            *board.job.get() = Some(std::mem::transmute::<*const Job, *const Job<'static>>(job))
         };
-        self.done.store(0, Ordering::Relaxed);
-        self.pieces.store(pieces, Ordering::Relaxed);
-        for (thread, share) in self.shares.iter().enumerate() {
-            let length = self.begin(thread + 1, pieces) - self.begin(thread, pieces);
+        board.done.store(0, Ordering::Relaxed);
+        board.pieces.store(pieces, Ordering::Relaxed);
+        for (thread, share) in board.shares.iter().enumerate() {
+            let length = board.begin(thread + 1, pieces) - board.begin(thread, pieces);
             share.0.store((length as u64) << 32, Ordering::Release);
         }
-        while self.take_piece(0) {}
+        while board.take_piece(0) {}
         let mut waiting = Waiting::default();
-        while self.done.load(Ordering::Acquire) < pieces {
-            assert!(
-                !self.broken.load(Ordering::Acquire),
-                "a thread of the team has panicked"
-            );
+        while board.done.load(Ordering::Acquire) < pieces {
             waiting.turn();
         }
+        let broken = board.broken.swap(false, Ordering::Relaxed);
+        assert!(!broken, "a piece of the work has panicked");
     }
+}
 
+impl Board {
     /// The first piece of a thread's share.
     fn begin(&self, thread: usize, pieces: usize) -> usize {
         thread * pieces / self.size
@@ -123,17 +157,30 @@ impl Team {
         // The number of all pieces was set before those of the share, and stays until this piece is done.
         let begin = self.begin(thread, self.pieces.load(Ordering::Relaxed));
         let number = begin + (before & u64::from(u32::MAX)) as usize;
-        let guard = Breakage(&self.broken);
         // SAFETY: the job was set before its pieces were offered, and is kept until this one is done.
-        unsafe {
-            let job = (*self.job.get()).expect("set before its pieces were offered");
-            (*job)(number);
+        let job = unsafe { &*(*self.job.get()).expect("set before its pieces were offered") };
+        // Who leads the team panics in the end, when nobody looks at the job any more.
+        if catch_unwind(AssertUnwindSafe(|| job(number))).is_err() {
+            self.broken.store(true, Ordering::Relaxed);
         }
-        drop(guard);
         self.done.fetch_add(1, Ordering::Release);
         true
     }
 }
+
+/// Take so many entries off the front of a slice.
+///
+/// # Panics
+/// Where there are fewer.
+pub fn front<'a, T>(slice: &mut &'a mut [T], count: usize) -> &'a mut [T] {
+    slice.split_off_mut(..count).expect("the slice is as long")
+}
+
+/// Where the parts of a job begin.
+struct Parts<T>(*mut T);
+
+// SAFETY: no two threads get the same part.
+unsafe impl<T: Send> Sync for Parts<T> {}
 
 /// Whether pieces are left to take.
 fn left(pieces: u64) -> bool {
@@ -164,17 +211,6 @@ impl Drop for Raised<'_> {
     }
 }
 
-/// A thread that panics with a piece in hand would leave the others waiting: they panic too.
-struct Breakage<'a>(&'a AtomicBool);
-
-impl Drop for Breakage<'_> {
-    fn drop(&mut self) {
-        if thread::panicking() {
-            self.0.store(true, Ordering::Release);
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use std::sync::atomic::AtomicUsize;
@@ -201,14 +237,34 @@ mod tests {
     }
 
     #[test]
-    fn a_panic_in_one_thread_ends_all() {
-        for bad in 0..4 {
-            let result = std::panic::catch_unwind(|| {
-                Team::with(3, |team| {
-                    team.run(4, &|piece| assert!(piece != bad, "on purpose"))
-                });
+    fn every_part_is_changed_once_by_whichever_thread() {
+        for size in [1, 2, 3] {
+            let mut numbers: Vec<usize> = (0..1000).collect();
+            Team::with(size, |team| {
+                let mut parts: Vec<&mut [usize]> = numbers.chunks_mut(7).collect();
+                team.each(&mut parts, |part| part.iter_mut().for_each(|x| *x += 1));
+                team.each(&mut parts[..0], |_| unreachable!());
             });
-            assert!(result.is_err());
+            assert!(numbers.iter().enumerate().all(|(k, x)| *x == k + 1));
+        }
+    }
+
+    #[test]
+    fn a_panic_in_one_piece_is_told_when_all_are_done() {
+        for bad in 0..4 {
+            Team::with(3, |team| {
+                let done = AtomicUsize::new(0);
+                let job = |piece| {
+                    assert!(piece != bad, "on purpose");
+                    done.fetch_add(1, Ordering::Relaxed);
+                };
+                assert!(catch_unwind(AssertUnwindSafe(|| team.run(4, &job))).is_err());
+                assert_eq!(done.load(Ordering::Relaxed), 3);
+                team.run(4, &|_| {
+                    done.fetch_add(1, Ordering::Relaxed);
+                });
+                assert_eq!(done.load(Ordering::Relaxed), 7);
+            });
         }
     }
 }
