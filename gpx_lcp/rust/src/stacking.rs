@@ -21,6 +21,10 @@ use parry3d_f64::math::{Matrix, Pose, Vector};
 use crate::bodies::{Bodies, Twist};
 use crate::collision::Contact;
 use crate::exact::BlockMatrix;
+use crate::team::{Team, front};
+
+/// Contacts of a piece of work: some ten microseconds.
+const PIECE: usize = 128;
 
 /// The system: the blocks of J and of Ĵ = J L by rows of contacts (block compressed sparse rows), B and the friction.
 #[derive(Clone, Default)]
@@ -130,109 +134,168 @@ impl MassRoot {
     }
 }
 
-/// Stack the contacts into `result`, whose memory is used again.
+/// Stack the contacts into `result`, whose memory is used again; the team takes part.
 pub fn stack(
     bodies: &Bodies,
     contacts: &[Contact],
     motion: &Motion,
     layout: Layout,
     result: &mut Stack,
+    team: &Team,
 ) {
     let Layout { rows, columns } = layout;
     result.layout = layout;
-    result.blocks.clear();
-    let whitened_jacobian = &mut result.whitened;
-    whitened_jacobian.starts.clear();
-    whitened_jacobian.starts.push(0);
-    whitened_jacobian.columns.clear();
-    whitened_jacobian.values.clear();
-    (whitened_jacobian.height, whitened_jacobian.width) = (rows, columns);
-    whitened_jacobian.block_columns = motion.poses.len();
-    result.b.clear();
     result.free.clear();
     result.free.extend_from_slice(motion.free);
-    result.friction.clear();
-    result.restitution.clear();
-    result.impacts.clear();
-    result.scale.clear();
     result.roots.clear();
     let moving = motion.poses.iter().enumerate();
     result.roots.extend(moving.map(|(body, pose)| MassRoot {
         linear: 1.0 / bodies.masses[body].sqrt(),
         angular: Matrix::from_quat(pose.rotation) * bodies.inverse_inertia_roots[body],
     }));
-    let size = 2 * contacts.len() * rows * columns;
-    result.blocks.reserve(size);
-    result.whitened.values.reserve(size);
-    let (mut pair, mut friction, mut restitution) = ([u32::MAX; 2], 0.0, [0.0; 2]);
+    let BlockMatrix {
+        starts,
+        columns: touched,
+        values,
+        height,
+        width,
+        block_columns,
+    } = &mut result.whitened;
+    (*height, *width, *block_columns) = (rows, columns, motion.poses.len());
+    starts.clear();
+    starts.push(0);
+    touched.clear();
     for contact in contacts {
-        let mut diagonal = [0.0; 3];
-        for (body, sign) in [(contact.bodies[0], -1.0), (contact.bodies[1], 1.0)] {
-            let body = body as usize;
-            if body >= bodies.moving {
-                continue;
-            }
-            let arm = contact.point - motion.poses[body].translation;
-            let MassRoot { linear, angular } = result.roots[body];
-            let to_root = angular.transpose();
-            result.whitened.columns.push(body as u32);
-            let (mut block, mut white) = ([0.0; 18], [0.0; 18]);
-            for (r, sum) in diagonal[..rows].iter_mut().enumerate() {
-                let force = contact.frame[r] * sign;
-                let whitened = force * linear;
-                let mut square = whitened.length_squared();
-                let at = r * columns;
-                block[at..at + 3].copy_from_slice(&force.to_array());
-                white[at..at + 3].copy_from_slice(&whitened.to_array());
-                if columns == 6 {
-                    let moment = arm.cross(force);
-                    let entries = (to_root * moment).to_array();
-                    // One after another: d_i is then the same number, to the last bit, as in Python.
-                    square = entries.iter().fold(square, |sum, x| sum + x * x);
-                    block[at + 3..at + 6].copy_from_slice(&moment.to_array());
-                    white[at + 3..at + 6].copy_from_slice(&entries);
-                }
-                *sum += square;
-            }
-            let values = &mut result.whitened.values;
-            result.blocks.extend_from_slice(&block[..rows * columns]);
-            values.extend_from_slice(&white[..rows * columns]);
-        }
-        let end = result.whitened.columns.len();
-        result.whitened.starts.push(end);
-        if pair != contact.bodies {
-            pair = contact.bodies;
-            (friction, restitution) = (bodies.friction(pair), bodies.restitution(pair));
-        }
-        result.friction.push(friction);
-        result.restitution.push(restitution);
-        result.scale.push(diagonal.into_iter().fold(0.0, f64::max));
+        let moving = |body: &u32| (*body as usize) < bodies.moving;
+        touched.extend(contact.bodies.into_iter().filter(moving));
+        starts.push(touched.len());
+    }
+    let (count, area) = (contacts.len(), rows * columns);
+    values.resize(area * touched.len(), 0.0);
+    result.blocks.resize(area * touched.len(), 0.0);
+    result.b.resize(rows * count, 0.0);
+    result.friction.resize(count, 0.0);
+    result.restitution.resize(count, [0.0; 2]);
+    result.impacts.resize(count, false);
+    result.scale.resize(count, 0.0);
 
-        let free = relative_velocity(bodies, contact, motion.poses, motion.free);
-        let normal = free.dot(contact.frame[0]);
-        let [bounce, reversal] = restitution;
-        let may_bounce =
-            (bounce > 0.0 || reversal > 0.0) && contact.gap + motion.time_step * normal < 0.0;
-        let before = if may_bounce {
-            relative_velocity(bodies, contact, motion.poses, motion.velocities)
-        } else {
-            Vector::ZERO
-        };
-        let closing = before.dot(contact.frame[0]);
-        let impact = may_bounce && closing < -motion.impact_speed;
-        result.impacts.push(impact);
-        result.b.push(if impact && bounce > 0.0 {
-            -normal - bounce * closing
-        } else {
-            -normal - contact.gap.max(0.0) / motion.time_step
-        });
-        let tangents = contact.frame[1..rows].iter();
-        if impact && reversal > 0.0 {
-            result
-                .b
-                .extend(tangents.map(|t| -free.dot(*t) - reversal * before.dot(*t)));
-        } else {
-            result.b.extend(tangents.map(|t| -free.dot(*t)));
+    let (mut white, mut blocks) = (values.as_mut_slice(), result.blocks.as_mut_slice());
+    let numbers = result.b.chunks_mut(rows * PIECE);
+    let pairs = result
+        .friction
+        .chunks_mut(PIECE)
+        .zip(result.restitution.chunks_mut(PIECE));
+    let own = result
+        .impacts
+        .chunks_mut(PIECE)
+        .zip(result.scale.chunks_mut(PIECE));
+    let parts = contacts.chunks(PIECE).zip(starts.chunks(PIECE));
+    let mut parts: Vec<Part> = parts
+        .zip(starts[1..].chunks(PIECE))
+        .zip(numbers.zip(pairs.zip(own)))
+        .map(
+            |(((contacts, begins), ends), (b, ((friction, restitution), (impacts, scale))))| {
+                let length = area * (ends[ends.len() - 1] - begins[0]);
+                Part {
+                    contacts,
+                    white: front(&mut white, length),
+                    blocks: front(&mut blocks, length),
+                    b,
+                    friction,
+                    restitution,
+                    impacts,
+                    scale,
+                }
+            },
+        )
+        .collect();
+    let roots = &result.roots;
+    team.each(&mut parts, |part| {
+        part.fill(bodies, roots, motion, layout);
+    });
+}
+
+/// A stretch of the contacts, and what is stacked of them.
+struct Part<'a> {
+    contacts: &'a [Contact],
+    white: &'a mut [f64],
+    blocks: &'a mut [f64],
+    b: &'a mut [f64],
+    friction: &'a mut [f64],
+    restitution: &'a mut [[f64; 2]],
+    impacts: &'a mut [bool],
+    scale: &'a mut [f64],
+}
+
+impl Part<'_> {
+    fn fill(&mut self, bodies: &Bodies, roots: &[MassRoot], motion: &Motion, layout: Layout) {
+        let Layout { rows, columns } = layout;
+        let area = rows * columns;
+        let (mut blocks, mut whites) = (&mut *self.blocks, &mut *self.white);
+        let (mut pair, mut friction, mut restitution) = ([u32::MAX; 2], 0.0, [0.0; 2]);
+        for (at, contact) in self.contacts.iter().enumerate() {
+            let mut diagonal = [0.0; 3];
+            for (body, sign) in [(contact.bodies[0], -1.0), (contact.bodies[1], 1.0)] {
+                let body = body as usize;
+                if body >= bodies.moving {
+                    continue;
+                }
+                let arm = contact.point - motion.poses[body].translation;
+                let MassRoot { linear, angular } = roots[body];
+                let to_root = angular.transpose();
+                let (block, white) = (front(&mut blocks, area), front(&mut whites, area));
+                for (r, sum) in diagonal[..rows].iter_mut().enumerate() {
+                    let force = contact.frame[r] * sign;
+                    let whitened = force * linear;
+                    let mut square = whitened.length_squared();
+                    let at = r * columns;
+                    block[at..at + 3].copy_from_slice(&force.to_array());
+                    white[at..at + 3].copy_from_slice(&whitened.to_array());
+                    if columns == 6 {
+                        let moment = arm.cross(force);
+                        let entries = (to_root * moment).to_array();
+                        // One after another: d_i is then the same number, to the last bit, as in Python.
+                        square = entries.iter().fold(square, |sum, x| sum + x * x);
+                        block[at + 3..at + 6].copy_from_slice(&moment.to_array());
+                        white[at + 3..at + 6].copy_from_slice(&entries);
+                    }
+                    *sum += square;
+                }
+            }
+            if pair != contact.bodies {
+                pair = contact.bodies;
+                (friction, restitution) = (bodies.friction(pair), bodies.restitution(pair));
+            }
+            self.friction[at] = friction;
+            self.restitution[at] = restitution;
+            self.scale[at] = diagonal.into_iter().fold(0.0, f64::max);
+
+            let free = relative_velocity(bodies, contact, motion.poses, motion.free);
+            let normal = free.dot(contact.frame[0]);
+            let [bounce, reversal] = restitution;
+            let may_bounce =
+                (bounce > 0.0 || reversal > 0.0) && contact.gap + motion.time_step * normal < 0.0;
+            let before = if may_bounce {
+                relative_velocity(bodies, contact, motion.poses, motion.velocities)
+            } else {
+                Vector::ZERO
+            };
+            let closing = before.dot(contact.frame[0]);
+            let impact = may_bounce && closing < -motion.impact_speed;
+            self.impacts[at] = impact;
+            let b = &mut self.b[rows * at..rows * (at + 1)];
+            b[0] = if impact && bounce > 0.0 {
+                -normal - bounce * closing
+            } else {
+                -normal - contact.gap.max(0.0) / motion.time_step
+            };
+            for (b, t) in b[1..].iter_mut().zip(&contact.frame[1..]) {
+                *b = if impact && reversal > 0.0 {
+                    -free.dot(*t) - reversal * before.dot(*t)
+                } else {
+                    -free.dot(*t)
+                };
+            }
         }
     }
 }

@@ -4,13 +4,13 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Weak};
 
 use crate::bodies::{Bodies, State, Twist};
-use crate::collision::broad_phase::BroadPhase;
-use crate::collision::{Contact, detect};
+use crate::collision::{Contact, Memory, detect};
 use crate::correction::position_shift;
 use crate::integration::{advance, free_velocities};
 use crate::mean_motion::mean_motion;
 use crate::solving::{Answer, Effort, Interrupted, solve};
 use crate::stacking::{Motion, Stack, stack};
+use crate::team::Team;
 use crate::world::{Conditions, Touching, World};
 
 /// How a step is solved whose contacts have friction, and one whose contacts have none.
@@ -36,8 +36,8 @@ pub struct Workspace {
     pub state: State,
     pub touching: Arc<Touching>,
     pub solved: Solved,
-    broad_phase: BroadPhase,
-    /// Whose pairs the broad phase keeps.
+    detection: Memory,
+    /// Whose pairs detection keeps.
     bodies: Weak<Bodies>,
     free: Vec<Twist>,
     start: Vec<f64>,
@@ -53,11 +53,11 @@ impl Workspace {
     }
 
     /// The pairs that were near each other, if they were pairs of these bodies.
-    pub fn kept_pairs(&mut self, bodies: &Arc<Bodies>) -> &mut BroadPhase {
+    pub fn kept_pairs(&mut self, bodies: &Arc<Bodies>) -> &mut Memory {
         if !std::ptr::eq(self.bodies.as_ptr(), Arc::as_ptr(bodies)) {
-            (self.bodies, self.broad_phase) = (Arc::downgrade(bodies), BroadPhase::default());
+            (self.bodies, self.detection) = (Arc::downgrade(bodies), Memory::default());
         }
-        &mut self.broad_phase
+        &mut self.detection
     }
 }
 
@@ -71,6 +71,11 @@ pub enum Failure {
 }
 
 impl Efforts {
+    /// Of the stages of a step.
+    fn threads(&self) -> usize {
+        self.with_friction.threads
+    }
+
     fn of(&self, stack: &Stack) -> &Effort {
         if stack.has_friction() {
             &self.with_friction
@@ -103,7 +108,7 @@ pub fn step(
     let Workspace {
         touching,
         solved,
-        broad_phase,
+        detection,
         free,
         start,
         ..
@@ -112,7 +117,7 @@ pub fn step(
     require_finite(free.iter().map(Twist::is_finite))?;
     let touching = Arc::get_mut(touching).expect("it is this workspace's alone");
     let contacts = &mut touching.contacts;
-    found(world, broad_phase, free, contacts)?;
+    let system = &mut solved.stack;
     let motion = Motion {
         poses,
         velocities,
@@ -120,8 +125,11 @@ pub fn step(
         time_step,
         impact_speed: conditions.impact_speed,
     };
-    let system = &mut solved.stack;
-    stack(bodies, contacts, &motion, conditions.layout, system);
+    Team::with(efforts.threads(), |team| {
+        found(world, detection, free, contacts, team)?;
+        stack(bodies, contacts, &motion, conditions.layout, system, team);
+        Ok(())
+    })?;
     let effort = efforts.of(system);
     let before = instant.touching.as_ref().filter(|_| conditions.warm_start);
     if let Some(before) = before {
@@ -141,13 +149,15 @@ pub fn step(
 /// The contacts, or a failure where the collision library gives up: a panic in it must not cross the border.
 pub fn found(
     world: &World,
-    broad_phase: &mut BroadPhase,
+    memory: &mut Memory,
     free: &[Twist],
     contacts: &mut Vec<Contact>,
+    team: &Team,
 ) -> Result<(), Failure> {
     let (poses, time_step) = (&world.instant.state.poses, world.conditions.time_step);
     catch_unwind(AssertUnwindSafe(|| {
-        detect(&world.bodies, broad_phase, poses, free, time_step, contacts);
+        let bodies = &world.bodies;
+        detect(bodies, memory, poses, free, time_step, contacts, team);
     }))
     .map_err(|_| Failure::Detection)
 }

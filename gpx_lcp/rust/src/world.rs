@@ -10,6 +10,7 @@ use crate::collision::{Contact, match_impulses};
 use crate::solving::{Interrupted, Status};
 use crate::stacking::{Layout, Stack};
 use crate::stepping::{Efforts, Failure, Solved, Workspace, found, moved, require_finite, step};
+use crate::team::Team;
 
 #[derive(Default)]
 pub struct World {
@@ -149,12 +150,8 @@ impl World {
         workspace: &mut Workspace,
     ) -> Result<Vec<Contact>, Failure> {
         let mut contacts = Vec::new();
-        found(
-            self,
-            workspace.kept_pairs(&self.bodies),
-            free,
-            &mut contacts,
-        )?;
+        let memory = workspace.kept_pairs(&self.bodies);
+        Team::with(1, |team| found(self, memory, free, &mut contacts, team))?;
         Ok(contacts)
     }
 

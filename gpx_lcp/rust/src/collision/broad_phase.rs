@@ -24,18 +24,19 @@ pub struct BroadPhase {
     /// Pairs of wide boxes that meet and of planes with anything that moves, the later body second, ascending.
     near: Vec<[u32; 2]>,
     boxes: Vec<Option<Aabb>>,
+    /// Those of the near pairs whose true boxes meet now.
+    meeting: Vec<[u32; 2]>,
 }
 
 impl BroadPhase {
-    /// Calls `touching` with the pairs whose boxes meet, at least one of them moving, ascending by the second body;
-    /// `bounds` gives the box of a body, as much wider as it can travel in the step, its margin.
+    /// The pairs whose boxes meet, at least one of them moving, ascending by the second body; `bounds` gives the box of a
+    /// body, as much wider as it can travel in the step, its margin.
     pub fn pairs(
         &mut self,
         bodies: &Bodies,
         margins: &[f64],
         bounds: impl Fn(usize) -> Option<Aabb>,
-        mut touching: impl FnMut(usize, usize),
-    ) {
+    ) -> &[[u32; 2]] {
         self.boxes.clear();
         self.boxes.extend((0..bodies.len()).map(bounds));
         let holds = |(wide, true_box): (&Option<Aabb>, &Option<Aabb>)| match (wide, true_box) {
@@ -45,16 +46,14 @@ impl BroadPhase {
         if self.wide.len() != self.boxes.len() || !self.wide.iter().zip(&self.boxes).all(holds) {
             self.find(bodies, margins);
         }
-        for &[a, b] in &self.near {
-            let (a, b) = (a as usize, b as usize);
-            let meet = match (&self.boxes[a], &self.boxes[b]) {
-                (Some(one), Some(other)) => one.intersects(other),
-                _ => true,
-            };
-            if meet {
-                touching(a, b);
-            }
-        }
+        let boxes = &self.boxes;
+        let meet = |[a, b]: &&[u32; 2]| match (&boxes[*a as usize], &boxes[*b as usize]) {
+            (Some(one), Some(other)) => one.intersects(other),
+            _ => true,
+        };
+        self.meeting.clear();
+        self.meeting.extend(self.near.iter().filter(meet));
+        &self.meeting
     }
 
     /// Makes the wide boxes anew, and finds the pairs of them that meet.

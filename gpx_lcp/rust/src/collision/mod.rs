@@ -13,6 +13,7 @@ pub mod solid;
 use parry3d_f64::math::{Pose, Vector};
 
 use crate::bodies::{Bodies, Twist};
+use crate::team::Team;
 use broad_phase::BroadPhase;
 use solid::FeatureId;
 
@@ -22,6 +23,9 @@ const REST_MARGIN: f64 = 1e-6;
 /// A point that moved less than this share of its body's size between two steps is the same contact, whatever its
 /// features are called now.
 const SAME_POINT: f64 = 0.05;
+
+/// Pairs of bodies of a piece of work: some ten microseconds.
+const PIECE: usize = 64;
 
 /// One contact: bodies by their index (those that never move follow the moving ones), `a` the one that never moves or
 /// has the lower index.
@@ -37,14 +41,24 @@ pub struct Contact {
     pub gap: f64,
 }
 
-/// Every contact that bodies may come to within `time_step`, moving at `velocities`; sorted by pair of bodies.
+/// What detection keeps from one step to the next.
+#[derive(Default)]
+pub struct Memory {
+    broad_phase: BroadPhase,
+    /// What each piece of work has found.
+    found: Vec<Vec<Contact>>,
+}
+
+/// Every contact that bodies may come to within `time_step`, moving at `velocities`; sorted by pair of bodies. The team
+/// takes part.
 pub fn detect(
     bodies: &Bodies,
-    memory: &mut BroadPhase,
+    memory: &mut Memory,
     poses: &[Pose],
     velocities: &[Twist],
     time_step: f64,
     contacts: &mut Vec<Contact>,
+    team: &Team,
 ) {
     let pose = |body: usize| match body.checked_sub(bodies.moving) {
         None => &poses[body],
@@ -59,20 +73,20 @@ pub fn detect(
             time_step * speed + REST_MARGIN * bound
         })
         .collect();
-    contacts.clear();
-    let touching = |a: usize, b: usize| {
-        let (Some(solid_a), Some(solid_b)) = (&bodies.solids[a], &bodies.solids[b]) else {
+    let found = |[a, b]: [u32; 2], contacts: &mut Vec<Contact>| {
+        let (one, other) = (a as usize, b as usize);
+        let (Some(solid_a), Some(solid_b)) = (&bodies.solids[one], &bodies.solids[other]) else {
             return;
         };
-        let prediction = margins[a] + margins[b];
+        let prediction = margins[one] + margins[other];
         let Some((normal, points)) =
-            manifold::manifold(solid_a, pose(a), solid_b, pose(b), prediction)
+            manifold::manifold(solid_a, pose(one), solid_b, pose(other), prediction)
         else {
             return;
         };
         let frame = frame(normal);
         contacts.extend(points.into_iter().map(|point| Contact {
-            bodies: [a as u32, b as u32],
+            bodies: [a, b],
             features: point.features,
             point: point.position,
             frame,
@@ -83,7 +97,19 @@ pub fn detect(
         let solid = bodies.solids[body].as_ref()?;
         solid.aabb(pose(body), margins[body])
     };
-    memory.pairs(bodies, &margins, bounds, touching);
+    let pairs = memory.broad_phase.pairs(bodies, &margins, bounds);
+    let needed = pairs.len().div_ceil(PIECE);
+    let held = memory.found.len().max(needed);
+    memory.found.resize_with(held, Vec::new);
+    let mut parts: Vec<_> = pairs.chunks(PIECE).zip(&mut memory.found).collect();
+    team.each(&mut parts, |(pairs, contacts)| {
+        contacts.clear();
+        pairs.iter().for_each(|&pair| found(pair, contacts));
+    });
+    contacts.clear();
+    parts
+        .iter()
+        .for_each(|(_, found)| contacts.extend_from_slice(found));
 }
 
 /// A right-handed frame with the normal first; a vertical normal has its tangents along x and y.

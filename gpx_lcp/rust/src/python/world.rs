@@ -16,6 +16,7 @@ use crate::bodies::{State, Twist};
 use crate::integration;
 use crate::stacking::{self, Layout, Motion, Stack as StackData};
 use crate::stepping::{Failure, Workspace};
+use crate::team::Team;
 use crate::world::{Touching, World as WorldData};
 
 /// How often a call looks for signals.
@@ -264,7 +265,16 @@ impl World {
         };
         let mut stack = StackData::default();
         let layout = conditions.layout;
-        stacking::stack(&now.bodies, &contacts.contacts, &motion, layout, &mut stack);
+        Team::with(1, |team| {
+            stacking::stack(
+                &now.bodies,
+                &contacts.contacts,
+                &motion,
+                layout,
+                &mut stack,
+                team,
+            );
+        });
         Ok(Stack(stack))
     }
 
