@@ -14,7 +14,8 @@ use crate::lanes::Lanes;
 /// Largest turn in one visit, rad: a step that asks for more is left to the exact solution.
 const LARGEST_TURN: f64 = 0.1;
 
-/// The sliding impulse for b after one Newton step, and where it is one: not where it turns far, or finds no sliding.
+/// The sliding impulse for b after one Newton step, and where it is one: not where it turns far, or finds no sliding. With one
+/// tangent there are two directions to slide in, and it is one where exactly one of them does.
 ///
 /// The heading follows where it is one.
 #[inline(always)]
@@ -23,6 +24,9 @@ pub fn follow<V: Lanes, const R: usize, const CONVEX: bool>(
     b: &[V; R],
 ) -> ([V; R], V::Mask) {
     let (zero, one) = (V::splat(0.0), V::splat(1.0));
+    if R == 2 {
+        return one_of_two::<V, R, CONVEX>(contact, b);
+    }
     if R != 3 {
         return (*b, V::splat(-1.0).at_least(zero));
     }
@@ -101,6 +105,44 @@ pub fn follow<V: Lanes, const R: usize, const CONVEX: bool>(
     (impulse, follows)
 }
 
+/// The same with one tangent: p = p_n (1, ±μ) slides against ±t where p_n ≥ 0 and ±u_t ≤ 0.
+#[inline(always)]
+fn one_of_two<V: Lanes, const R: usize, const CONVEX: bool>(
+    contact: &Contact<V::Memory, R>,
+    b: &[V; R],
+) -> ([V; R], V::Mask) {
+    let (zero, one) = (V::splat(0.0), V::splat(1.0));
+    let entry = |r: usize, c: usize| V::load(&contact.block[r][c]);
+    let friction = V::load(&contact.friction);
+    let mut impulse = *b;
+    let mut ways = zero;
+    for side in [one, -one] {
+        let along = side * friction;
+        let pushed = [
+            entry(0, 0) + entry(0, 1) * along,
+            entry(1, 0) + entry(1, 1) * along,
+        ];
+        let nu = if CONVEX { along } else { zero };
+        let (resistance, push) = (pushed[0] + nu * pushed[1], b[0] + nu * b[1]);
+        let factor = -push / resistance;
+        // u_t times the resistance.
+        let slip = side * (b[1] * resistance - push * pushed[1]);
+        let mut slides = factor.finite();
+        for holds in [
+            resistance.at_least(V::splat(f64::MIN_POSITIVE)),
+            factor.at_least(zero),
+            zero.at_least(slip),
+        ] {
+            slides = V::both(slides, holds);
+        }
+        impulse[0] = impulse[0].replaced(slides, factor);
+        impulse[1] = impulse[1].replaced(slides, factor * along);
+        ways = ways + zero.replaced(slides, one);
+    }
+    let follows = V::both(ways.at_least(one), one.at_least(ways));
+    (impulse, follows)
+}
+
 #[cfg(test)]
 mod tests {
     use crate::contact::samples::Uniform;
@@ -150,5 +192,47 @@ mod tests {
                 assert!(worst < 1e-11 + 10.0 * shift * shift, "{worst} at {shift}");
             }
         }
+    }
+
+    /// How far from the exact slide a contact with one tangent ends.
+    fn worst_of_two<L: Law<2>>(law: &L) -> f64 {
+        let mut random = Uniform(9);
+        let mut worst = 0.0f64;
+        let mut followed = 0;
+        for _ in 0..1000 {
+            let block = random.block::<2>(0.2);
+            let mut contact = Contact::new(&block, [0.0; 2], 0.3, block[0][0]);
+            let mut b: Vector<2> = random.vector();
+            // Fast enough to slide.
+            b[0] = -0.1 - b[0].abs();
+            b[1] += 3.0f64.copysign(b[1]);
+            let exact = law.slide(&contact, &mut L::Local::default(), &b).unwrap();
+            let (found, follows) = law.slide_on::<f64>(&mut contact, &[], &b);
+            if follows {
+                followed += 1;
+                for r in 0..2 {
+                    worst = worst.max((found[r] - exact[r]).abs() / exact[0]);
+                }
+            }
+        }
+        assert!(followed > 900, "only {followed} were followed");
+        worst
+    }
+
+    #[test]
+    fn with_one_tangent_a_slide_is_exact() {
+        assert!(worst_of_two(&Coulomb) < 1e-10);
+        assert!(worst_of_two(&ConvexCone) < 1e-10);
+    }
+
+    #[test]
+    fn what_sticks_or_jams_is_left_to_the_exact_solution() {
+        let mut contact = Contact::new(&[[1.0, 0.0], [0.0, 1.0]], [0.0; 2], 0.5, 1.0);
+        let slide = |contact: &mut Contact<f64, 2>, b| Coulomb.slide_on::<f64>(contact, &[], &b);
+        assert_eq!(slide(&mut contact, [-1.0, 2.0]), ([1.0, -0.5], true));
+        assert!(!slide(&mut contact, [-1.0, 0.1]).1, "it sticks");
+        // Painlevé: sliding one way, friction would press the contact on harder than its load does.
+        let mut steep = Contact::new(&[[1.0, 2.0], [2.0, 5.0]], [0.0; 2], 1.0, 5.0);
+        assert!(!slide(&mut steep, [-1.0, 0.0]).1, "it jams");
     }
 }

@@ -256,14 +256,14 @@ impl Point {
             .collect();
 
         let affine: Vec<Vector> = lambda.iter().map(|l| l.map(|value| -value)).collect();
-        let predictor = self.direction(problem, system, &affine);
+        let predictor = self.direction(system, &affine);
         let reach = self.step_length(&predictor).min(1.0);
         let mut damping = DAMPING;
         if let Some(mut fold) = self.fold.take() {
             let sign = system.determinant_sign();
             let ahead = fold.ahead(self.length, reach, sign);
             if ahead {
-                let go_on = self.follow(problem, system, &lambda, predictor, sign, &mut fold);
+                let go_on = self.follow(system, &lambda, predictor, sign, &mut fold);
                 self.fold = Some(fold);
                 return go_on;
             }
@@ -289,7 +289,7 @@ impl Point {
                 jordan_divide(l, &aim)
             })
             .collect();
-        let mut direction = self.direction(problem, system, &second_order);
+        let mut direction = self.direction(system, &second_order);
         let mut length = (damping * self.step_length(&direction)).min(1.0);
         if length < 0.1 {
             // The correction misleads far from the path: a plain, well-centred Newton step instead.
@@ -307,7 +307,7 @@ impl Point {
                     )
                 })
                 .collect();
-            let plain = self.direction(problem, system, &centred);
+            let plain = self.direction(system, &centred);
             let other = (damping * self.step_length(&plain)).min(1.0);
             if other > length {
                 (direction, length) = (plain, other);
@@ -342,12 +342,7 @@ impl Point {
     }
 
     /// Solves for (dr, dz) with W dz + W⁻¹ dr = c.
-    fn direction(
-        &mut self,
-        problem: &Problem,
-        system: &mut NewtonSystem,
-        c: &[Vector],
-    ) -> Direction {
+    fn direction(&mut self, system: &mut NewtonSystem, c: &[Vector]) -> Direction {
         let contacts = c.len();
         let g: Vec<Vector> = (0..contacts)
             .map(|i| {
@@ -361,9 +356,7 @@ impl Point {
             })
             .collect();
         let mut dr = vec![ZERO; contacts];
-        system.solve(&g, &mut dr);
-        let mut dz = vec![ZERO; contacts];
-        problem.operator.apply(&dr, &mut dz, &mut self.scratch);
+        let mut dz = system.solve_with_image(&g, &mut dr).to_vec();
         for i in 0..contacts {
             let s = &self.s[i];
             let du = times(

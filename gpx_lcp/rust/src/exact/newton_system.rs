@@ -297,6 +297,19 @@ impl<'a> NewtonSystem<'a> {
 
     /// x with (I + E A) x = g, refined until the residual no longer falls or is at rounding.
     pub fn solve(&mut self, g: &[Vector], x: &mut [Vector]) {
+        self.refined(g, x);
+    }
+
+    /// The same with A x, which the last look at the residual has worked out.
+    pub fn solve_with_image(&mut self, g: &[Vector], x: &mut [Vector]) -> &[Vector] {
+        if !self.refined(g, x) {
+            self.operator.apply(x, &mut self.product, &mut self.scratch);
+        }
+        &self.product
+    }
+
+    /// Returns whether `product` is A x.
+    fn refined(&mut self, g: &[Vector], x: &mut [Vector]) -> bool {
         const REFINEMENTS: usize = 3;
         self.solve_once(g, x);
         let size = self.scaled_norm(g);
@@ -311,7 +324,7 @@ impl<'a> NewtonSystem<'a> {
             }
             let left = self.scaled_norm(&self.residual);
             if !(left > 1e-13 * size && left < 0.5 * last) {
-                break;
+                return true;
             }
             last = left;
             let residual = std::mem::take(&mut self.residual);
@@ -323,6 +336,7 @@ impl<'a> NewtonSystem<'a> {
             self.residual = residual;
             self.product = correction;
         }
+        false
     }
 
     fn scaled_norm(&self, field: &[Vector]) -> f64 {

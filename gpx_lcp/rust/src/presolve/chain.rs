@@ -77,41 +77,50 @@ impl Link {
     }
 }
 
+const NONE: usize = usize::MAX;
+
 /// The contacts from one end of the chain to the other; None where they form anything else.
 fn ordered(part: &Part) -> Option<Vec<Link>> {
     let matrix = &part.matrix;
-    let mut contacts_of: Vec<[usize; 2]> = vec![[usize::MAX; 2]; matrix.block_columns];
-    let ends = |contact: usize| {
-        (matrix.starts[contact]..matrix.starts[contact + 1])
-            .filter(|&place| matrix.values[place] != 0.0)
-    };
-    for contact in 0..matrix.block_rows() {
-        if !(1..=2).contains(&ends(contact).count()) {
+    let mut contacts_of = vec![[NONE; 2]; matrix.block_columns];
+    // The places of the one or two entries of each contact that are not zero.
+    let mut ends_of = Vec::with_capacity(matrix.block_rows());
+    for (contact, range) in matrix.starts.windows(2).enumerate() {
+        let mut ends = [NONE; 2];
+        for place in (range[0]..range[1]).filter(|&place| matrix.values[place] != 0.0) {
+            take_free(&mut ends, place)?;
+            take_free(&mut contacts_of[matrix.columns[place] as usize], contact)?;
+        }
+        if ends[0] == NONE {
             return None;
         }
-        for place in ends(contact) {
-            let known = &mut contacts_of[matrix.columns[place] as usize];
-            let free = known.iter_mut().find(|known| **known == usize::MAX)?;
-            *free = contact;
-        }
+        ends_of.push(ends);
     }
-    let alone = |place: usize| contacts_of[matrix.columns[place] as usize][1] == usize::MAX;
+    let alone = |place: usize| contacts_of[matrix.columns[place] as usize][1] == NONE;
     // An end: a contact with a fixed body, or with one that has no other contact.
-    let begins = |&contact: &usize| ends(contact).count() == 1 || ends(contact).any(alone);
-    let mut contact = (0..matrix.block_rows()).find(begins)?;
-    let mut before = match ends(contact).count() {
-        1 => None,
-        _ => ends(contact).find(|&place| alone(place)),
+    let begins = |ends: &[usize; 2]| ends[1] == NONE || ends.iter().any(|&place| alone(place));
+    let mut contact = ends_of.iter().position(begins)?;
+    let mut before = match ends_of[contact] {
+        [_, NONE] => NONE,
+        [one, other] => {
+            if alone(one) {
+                one
+            } else {
+                other
+            }
+        }
     };
-    let mut links = Vec::with_capacity(matrix.block_rows());
+    let mut links = Vec::with_capacity(ends_of.len());
     let mut scale = 1.0;
     loop {
-        let after = ends(contact).find(|&place| Some(place) != before);
-        let mass = |place: Option<usize>| {
-            place.map_or(f64::INFINITY, |place| {
-                let entry = scale * matrix.values[place];
-                1.0 / (entry * entry)
-            })
+        let [one, other] = ends_of[contact];
+        let after = if one == before { other } else { one };
+        let mass = |place: usize| {
+            if place == NONE {
+                return f64::INFINITY;
+            }
+            let entry = scale * matrix.values[place];
+            1.0 / (entry * entry)
         };
         links.push(Link {
             contact,
@@ -119,14 +128,21 @@ fn ordered(part: &Part) -> Option<Vec<Link>> {
             mass_before: mass(before),
             mass_after: mass(after),
         });
-        let Some(after) = after else { break };
+        if after == NONE {
+            break;
+        }
         let body = matrix.columns[after];
         let [one, other] = contacts_of[body as usize];
         let next = if one == contact { other } else { one };
-        if next == usize::MAX {
+        if next == NONE {
             break;
         }
-        let entry = ends(next).find(|&place| matrix.columns[place] == body)?;
+        let [one, other] = ends_of[next];
+        let entry = if matrix.columns[one] == body {
+            one
+        } else {
+            other
+        };
         let ratio = matrix.values[after] / matrix.values[entry];
         // Pushed from both sides, or it is no chain.
         if ratio >= 0.0 {
@@ -134,9 +150,16 @@ fn ordered(part: &Part) -> Option<Vec<Link>> {
         }
         scale *= -ratio;
         contact = next;
-        before = Some(entry);
+        before = entry;
     }
-    (links.len() == matrix.block_rows()).then_some(links)
+    (links.len() == ends_of.len()).then_some(links)
+}
+
+/// Puts a number in the first place that is free, if one is.
+fn take_free(places: &mut [usize; 2], number: usize) -> Option<()> {
+    let free = places.iter_mut().find(|place| **place == NONE)?;
+    *free = number;
+    Some(())
 }
 
 /// Bodies that move together, with their common z.

@@ -24,7 +24,6 @@
 
 use super::super::cones::jordan_divide;
 use super::super::newton_system::NewtonSystem;
-use super::super::problem::Problem;
 use super::super::small::{Vector, ZERO, dot, times};
 use super::{Direction, Point};
 
@@ -114,7 +113,6 @@ impl Point {
     /// One step along the path; `lambda` and `predictor` are of the present factorisation, `sign` its determinant's.
     pub(super) fn follow(
         &mut self,
-        problem: &Problem,
         system: &mut NewtonSystem,
         lambda: &[Vector],
         mut predictor: Direction,
@@ -126,7 +124,7 @@ impl Point {
             .map(|l| jordan_divide(l, &[self.tau, 0.0, 0.0]))
             .collect();
         let rho = std::mem::replace(&mut self.rho, vec![ZERO; lambda.len()]);
-        let tangent = self.direction(problem, system, &aim);
+        let tangent = self.direction(system, &aim);
         self.rho = rho;
         // The predictor aims at τ = 0; with the tangent it aims at the present τ.
         predictor.add(1.0, &tangent);

@@ -25,6 +25,8 @@ pub fn partial_lu(
         6 => partial_lu_small::<6>(front, pivots, floor, exchanges),
         9 => partial_lu_small::<9>(front, pivots, floor, exchanges),
         12 => partial_lu_small::<12>(front, pivots, floor, exchanges),
+        15 => partial_lu_small::<15>(front, pivots, floor, exchanges),
+        18 => partial_lu_small::<18>(front, pivots, floor, exchanges),
         _ => partial_lu_in_panels(front, size, pivots, floor, exchanges),
     }
 }
@@ -236,7 +238,17 @@ mod tests {
 
     #[test]
     fn partial_lu_reproduces_the_front() {
-        let small = [(1, 1), (2, 2), (3, 1), (4, 2), (6, 3), (9, 9), (12, 6)];
+        let small = [
+            (1, 1),
+            (2, 2),
+            (3, 1),
+            (4, 2),
+            (6, 3),
+            (9, 9),
+            (12, 6),
+            (15, 12),
+            (18, 6),
+        ];
         let large = [(7, 3), (40, 40), (61, 30), (75, 52)];
         for (size, pivots) in small.into_iter().chain(large) {
             let original = noise(size * size);

@@ -13,6 +13,8 @@ pub struct BlockLu {
     /// The pivot rows of each front, width × size, then the rows below, (size − width) × width; in scalars, row-major.
     factors: Vec<f64>,
     offsets: Vec<usize>,
+    /// 1/pivot, by which a solve multiplies: one division would have to wait for the other.
+    inverses: Vec<f64>,
     exchanges: Vec<u32>,
     front: Vec<f64>,
     /// Schur complements that wait for their parents, a stack.
@@ -38,6 +40,7 @@ impl BlockLu {
             block,
             factors: vec![0.0; offsets[offsets.len() - 1]],
             offsets,
+            inverses: vec![0.0; scalars],
             exchanges: vec![0; scalars],
             front: vec![0.0; largest * largest],
             stack: Vec::new(),
@@ -136,6 +139,10 @@ impl BlockLu {
             let stored = &mut self.factors[self.offsets[index]..self.offsets[index + 1]];
             let (upper, lower) = stored.split_at_mut(width * size);
             upper.copy_from_slice(&front[..width * size]);
+            let inverses = self.inverses[supernode.first * block..].iter_mut();
+            for (k, inverse) in inverses.take(width).enumerate() {
+                *inverse = 1.0 / upper[k * (size + 1)];
+            }
             if size > width {
                 waiting.push((index, self.stack.len()));
                 for (row, line) in front.chunks_exact(size).skip(width).enumerate() {
@@ -166,96 +173,109 @@ impl BlockLu {
 
     /// Solves with the last factorisation, in place; `vector` is in the caller's order of nodes.
     pub fn solve(&mut self, vector: &mut [f64]) {
+        // Blocks of known size are held in registers; of any other size, they are taken for ones of a single scalar.
         match self.block {
-            1 => self.solve_blocks(1, vector),
-            2 => self.solve_blocks(2, vector),
-            3 => self.solve_blocks(3, vector),
-            6 => self.solve_blocks(6, vector),
-            block => self.solve_blocks(block, vector),
+            2 => self.solve_blocks::<2>(vector),
+            3 => self.solve_blocks::<3>(vector),
+            6 => self.solve_blocks::<6>(vector),
+            _ => self.solve_blocks::<1>(vector),
         }
     }
 
-    #[inline(always)]
-    fn solve_blocks(&mut self, block: usize, vector: &mut [f64]) {
-        let permuted = &mut self.permuted;
-        for (&at, values) in self
-            .symbolic
-            .position
-            .iter()
-            .zip(vector.chunks_exact(block))
-        {
-            permuted[at as usize * block..][..block].copy_from_slice(values);
+    fn solve_blocks<const B: usize>(&mut self, vector: &mut [f64]) {
+        // Blocks of B to a node.
+        let each = self.block / B;
+        let Symbolic {
+            position,
+            supernodes,
+        } = &self.symbolic;
+        let permuted = self.permuted.as_chunks_mut::<B>().0;
+        let factors = self.factors.as_chunks::<B>().0;
+        let inverses = self.inverses.as_chunks::<B>().0;
+        let vector = vector.as_chunks_mut::<B>().0;
+        for (&at, values) in position.iter().zip(vector.chunks_exact(each)) {
+            permuted[at as usize * each..][..each].copy_from_slice(values);
         }
-        for (index, supernode) in self.symbolic.supernodes.iter().enumerate() {
+        for (supernode, range) in supernodes.iter().zip(self.offsets.windows(2)) {
             let (width, size, first) = (
-                supernode.width() * block,
-                supernode.size() * block,
-                supernode.first * block,
+                supernode.width() * each,
+                supernode.size() * each,
+                supernode.first * each,
             );
-            let (upper, lower) =
-                self.factors[self.offsets[index]..self.offsets[index + 1]].split_at(width * size);
-            for k in 0..width {
-                permuted.swap(first + k, first + self.exchanges[first + k] as usize);
-            }
+            let (upper, lower) = factors[range[0] / B..range[1] / B].split_at(width * B * size);
             let (_, tail) = permuted.split_at_mut(first);
             let (pivots, rest) = tail.split_at_mut(width);
-            for row in 1..width {
-                let sum = dot(&upper[row * size..][..row], &pivots[..row]);
-                pivots[row] -= sum;
+            let exchanges = &self.exchanges[first * B..][..width * B];
+            for (k, &other) in exchanges.iter().enumerate() {
+                pivots.as_flattened_mut().swap(k, other as usize);
             }
-            for (i, &row) in supernode.below.iter().enumerate() {
-                for k in 0..block {
-                    let line = &lower[(i * block + k) * width..][..width];
-                    rest[row as usize * block + k - first - width] -= dot(line, pivots);
+            for j in 0..width {
+                let mut own = pivots[j];
+                let lines = &upper[j * B * size..][..B * size];
+                for k in 0..B {
+                    let line = &lines[k * size..][..size];
+                    for (factors, known) in line.iter().zip(&pivots[..j]) {
+                        own[k] -= dot(factors, known);
+                    }
+                    for l in 0..k {
+                        own[k] -= line[j][l] * own[l];
+                    }
+                }
+                pivots[j] = own;
+            }
+            let mut lines = lower.chunks_exact(width);
+            for &row in &supernode.below {
+                for values in &mut rest[row as usize * each - first - width..][..each] {
+                    for (value, line) in values.iter_mut().zip(&mut lines) {
+                        for (factors, known) in line.iter().zip(&*pivots) {
+                            *value -= dot(factors, known);
+                        }
+                    }
                 }
             }
         }
-        for (index, supernode) in self.symbolic.supernodes.iter().enumerate().rev() {
+        for (supernode, &offset) in supernodes.iter().zip(&self.offsets).rev() {
             let (width, size, first) = (
-                supernode.width() * block,
-                supernode.size() * block,
-                supernode.first * block,
+                supernode.width() * each,
+                supernode.size() * each,
+                supernode.first * each,
             );
-            let upper = &self.factors[self.offsets[index]..][..width * size];
-            let gathered = &mut self.gathered[..size - width];
-            for (&row, values) in supernode.below.iter().zip(gathered.chunks_exact_mut(block)) {
-                values.copy_from_slice(&permuted[row as usize * block..][..block]);
+            let upper = &factors[offset / B..][..width * B * size];
+            let gathered = self.gathered.as_chunks_mut::<B>().0;
+            let gathered = &mut gathered[..size - width];
+            for (&row, values) in supernode.below.iter().zip(gathered.chunks_exact_mut(each)) {
+                values.copy_from_slice(&permuted[row as usize * each..][..each]);
             }
             let pivots = &mut permuted[first..first + width];
-            for row in (0..width).rev() {
-                let line = &upper[row * size..(row + 1) * size];
-                let known =
-                    dot(&line[row + 1..width], &pivots[row + 1..]) + dot(&line[width..], gathered);
-                pivots[row] = (pivots[row] - known) / line[row];
+            for j in (0..width).rev() {
+                let mut own = pivots[j];
+                let lines = &upper[j * B * size..][..B * size];
+                for k in (0..B).rev() {
+                    let line = &lines[k * size..][..size];
+                    let (line, beyond) = line.split_at(width);
+                    for (factors, known) in beyond.iter().zip(&*gathered) {
+                        own[k] -= dot(factors, known);
+                    }
+                    for (factors, known) in line[j + 1..].iter().zip(&pivots[j + 1..]) {
+                        own[k] -= dot(factors, known);
+                    }
+                    for l in k + 1..B {
+                        own[k] -= line[j][l] * own[l];
+                    }
+                    own[k] *= inverses[first + j][k];
+                }
+                pivots[j] = own;
             }
         }
-        for (&at, values) in self
-            .symbolic
-            .position
-            .iter()
-            .zip(vector.chunks_exact_mut(block))
-        {
-            values.copy_from_slice(&permuted[at as usize * block..][..block]);
+        for (&at, values) in position.iter().zip(vector.chunks_exact_mut(each)) {
+            values.copy_from_slice(&permuted[at as usize * each..][..each]);
         }
     }
 }
 
-/// Four sums side by side, so that the processor need not wait for one addition before the next.
-fn dot(left: &[f64], right: &[f64]) -> f64 {
-    let mut sums = [0.0; 4];
-    let mut quads = left.chunks_exact(4).zip(right.chunks_exact(4));
-    for (a, b) in &mut quads {
-        for k in 0..4 {
-            sums[k] += a[k] * b[k];
-        }
-    }
-    let whole = left.len() / 4 * 4;
-    let rest: f64 = left[whole..]
-        .iter()
-        .zip(&right[whole..])
-        .map(|(a, b)| a * b)
-        .sum();
-    (sums[0] + sums[1]) + (sums[2] + sums[3]) + rest
+#[inline(always)]
+fn dot<const B: usize>(a: &[f64; B], b: &[f64; B]) -> f64 {
+    (0..B).map(|k| a[k] * b[k]).sum()
 }
 
 #[cfg(test)]
@@ -290,7 +310,7 @@ mod tests {
 
     #[test]
     fn solves_to_machine_precision_and_twice_with_one_analysis() {
-        for (nodes, block) in [(1, 3), (5, 6), (60, 3), (40, 1), (150, 2)] {
+        for (nodes, block) in [(1, 3), (5, 6), (60, 3), (40, 1), (150, 2), (30, 4)] {
             let (starts, columns, mut values) = example(nodes, block);
             let mut lu = BlockLu::new(&starts, &columns, block);
             for _ in 0..2 {

@@ -211,7 +211,7 @@ fn amalgamate(structure: Vec<Vec<u32>>, block: usize) -> Vec<Supernode> {
                 at + 1 - previous.first,
                 at + 1 - previous.first + below.len(),
             );
-            let small = width * block <= 12 && size * block <= 60;
+            let small = width * block <= 6 && size * block <= 60;
             if added > 0 && !small && 8 * merged > width * size {
                 break;
             }
