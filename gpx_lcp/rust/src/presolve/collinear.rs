@@ -6,9 +6,12 @@
 //! the same to cancel, and nothing along the tangents. Then friction has nothing to do, and the theorem of this folder holds
 //! with C_i the normal: a tower of cubes at rest is a column of point masses, a quarter of the load at each corner.
 
-use super::lift::{Basis, Columns, LARGEST, Model, Proposal, Share, dot, size};
+use super::lift::{Columns, Direction, Groups, LARGEST, Model, Proposal, Share, dot, within};
 use super::local_bodies::LocalBodies;
-use super::{ROUNDING, View};
+use super::{ROUNDING, Shaped, View};
+
+/// Of a velocity, what is surely no rounding.
+const ROUGH: f64 = 1e-6;
 
 /// Whether anything slides before the impulses where there is friction.
 pub fn slides(view: &View, contacts: &[u32]) -> bool {
@@ -21,19 +24,20 @@ pub fn slides(view: &View, contacts: &[u32]) -> bool {
 
 /// Propose one contact for each run of contacts between the same bodies.
 #[inline(always)]
-pub fn propose(
-    view: &View,
+pub fn propose<const R: usize, const D: usize>(
+    view: Shaped<R, D>,
     contacts: &[u32],
     runs: &[std::ops::Range<usize>],
     local: &LocalBodies,
 ) -> Option<Proposal> {
     // Most islands that are not collinear show it here, before anything is worked out.
-    if slides(view, contacts) {
+    if slides(&view, contacts) {
         return None;
     }
-    const UNMOVED: Basis = [[0.0; LARGEST]; 3];
-    let mut bases = vec![UNMOVED; local.count()];
+    const UNMOVED: Direction = [0.0; LARGEST];
+    let mut directions = vec![UNMOVED; local.count()];
     let mut shares = Vec::with_capacity(contacts.len());
+    let mut groups = Groups::with_capacity(contacts.len());
     for (group, run) in runs.iter().enumerate() {
         let members = &contacts[run.clone()];
         let weight = 1.0 / members.len() as f64;
@@ -41,24 +45,32 @@ pub fn propose(
             let mut line = [0.0; LARGEST];
             for &member in members {
                 let row = view.row(view.places(member).start + slot, 0);
-                line[..view.width]
+                line[..view.width()]
                     .iter_mut()
                     .zip(row)
                     .for_each(|(sum, value)| *sum += weight * value);
             }
-            let line = &mut line[..view.width];
-            let length = size(line);
-            if length == 0.0 {
+            let line = &mut line[..view.width()];
+            let square = dot(line, line);
+            if square == 0.0 {
                 continue;
             }
+            // Condition (b) at one contact, roughly: where it fails, as a rule it fails at the first.
+            let first = view.row(view.places(members[0]).start + slot, 0);
+            if !within((dot(first, line) - square).abs(), ROUGH * square) {
+                return None;
+            }
+            let length = square.sqrt();
             line.iter_mut().for_each(|value| *value /= length);
-            let known = &mut bases[local.number(body)][0][..view.width];
+            let known = &mut directions[local.number(body)][..view.width()];
             if known.iter().all(|&value| value == 0.0) {
                 known.copy_from_slice(line);
             } else if dot(known, line).abs() < 1.0 - ROUNDING {
                 return None;
             }
         }
+        run.clone().for_each(|index| groups.push(index));
+        groups.end();
         shares.extend(members.iter().map(|_| Share {
             weight,
             ..Share::whole(group as u32)
@@ -67,8 +79,8 @@ pub fn propose(
     Some(Proposal {
         model: Model::Collinear,
         rows: 1,
-        groups: runs.len(),
+        groups,
         shares,
-        columns: Columns::Some(1, bases),
+        columns: Columns::Some(1, directions),
     })
 }

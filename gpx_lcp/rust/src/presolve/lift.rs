@@ -3,7 +3,7 @@
 use crate::exact::BlockMatrix;
 
 use super::local_bodies::LocalBodies;
-use super::{Form, ROUNDING, View};
+use super::{Form, ROUNDING, Shaped, View};
 
 /// What a part of the system was taken for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,14 +23,14 @@ pub const WIDEST: usize = 3;
 /// The largest number of velocities of a body that is reduced.
 pub const LARGEST: usize = 6;
 
-/// Orthonormal vectors of a body's whitened velocities; unused ones are zero.
-pub type Basis = [[f64; LARGEST]; WIDEST];
+/// A unit vector of a body's whitened velocities; what is beyond their number is zero.
+pub type Direction = [f64; LARGEST];
 
 /// Which velocities the bodies keep.
 pub enum Columns {
     All,
-    /// So many, body by body.
-    Some(usize, Vec<Basis>),
+    /// So many, in orthonormal directions, body by body.
+    Some(usize, Vec<Direction>),
 }
 
 /// What becomes of one contact: its group, its weight in it, and its in-plane tangent, (cos, sin) in its own tangents.
@@ -57,7 +57,7 @@ pub struct Proposal {
     pub model: Model,
     /// Rows of a reduced contact.
     pub rows: usize,
-    pub groups: usize,
+    pub groups: Groups,
     /// In the order of the island's contacts; those of a group share their bodies.
     pub shares: Vec<Share>,
     pub columns: Columns,
@@ -78,9 +78,8 @@ pub struct Part {
 
 impl Part {
     /// The reduced system of an island, or None where the proposal is not exact.
-    #[inline(always)]
-    pub fn new(
-        view: &View,
+    pub fn new<const R: usize, const D: usize>(
+        view: Shaped<R, D>,
         contacts: &[u32],
         proposal: Proposal,
         local: &LocalBodies,
@@ -92,38 +91,40 @@ impl Part {
             shares,
             columns,
         } = proposal;
-        if model == Model::Spatial && groups == contacts.len() {
-            return Some(Self::untouched(view, contacts, shares, local));
+        if model == Model::Spatial && groups.len() == contacts.len() {
+            return Some(Self::untouched(&view, contacts, shares, local));
         }
         let width = match columns {
-            Columns::All => view.width,
+            Columns::All => view.width(),
             Columns::Some(width, _) => width,
         };
+        let count = groups.len();
+        let mut starts = Vec::with_capacity(count + 1);
+        starts.push(0);
         let mut part = Self {
             form: Form::Velocity,
             model,
             contacts: contacts.to_vec(),
             rows,
             matrix: BlockMatrix {
-                starts: vec![0],
-                columns: Vec::new(),
-                values: Vec::new(),
+                starts,
+                columns: Vec::with_capacity(2 * count),
+                values: Vec::with_capacity(2 * count * rows * width),
                 height: rows,
                 width,
-                block_columns: 0,
+                block_columns: local.count(),
             },
-            b: vec![0.0; groups * rows],
-            friction: vec![0.0; groups],
+            b: vec![0.0; count * rows],
+            friction: vec![0.0; count],
             shares,
             growth: Growth::default(),
         };
         part.gather_targets(view)?;
         match columns {
-            Columns::All => part.add_blocks(view, local)?,
-            Columns::Some(_, bases) => part.project_blocks(view, &bases, local)?,
+            Columns::All => part.add_blocks(view, &groups, local)?,
+            Columns::Some(_, bases) => part.project_blocks(view, &groups, &bases, local)?,
         }
-        part.matrix.block_columns = local.count();
-        part.growth = part.growth_of(view);
+        part.growth = part.growth_of(view, &groups);
         Some(part)
     }
 
@@ -185,7 +186,7 @@ impl Part {
 
     /// Σ_i w_i C_iᵀ B_i, and condition (c).
     #[inline(always)]
-    fn gather_targets(&mut self, view: &View) -> Option<()> {
+    fn gather_targets<const R: usize, const D: usize>(&mut self, view: Shaped<R, D>) -> Option<()> {
         let rows = self.rows;
         for (&contact, share) in self.contacts.iter().zip(&self.shares) {
             let seen = share.seen(rows, view.target(contact).iter().copied());
@@ -218,10 +219,14 @@ impl Part {
 
     /// J' where bodies keep all velocities: (a) holds, and (b) where the blocks of a group are the same.
     #[inline(always)]
-    fn add_blocks(&mut self, view: &View, local: &LocalBodies) -> Option<()> {
+    fn add_blocks<const R: usize, const D: usize>(
+        &mut self,
+        view: Shaped<R, D>,
+        groups: &Groups,
+        local: &LocalBodies,
+    ) -> Option<()> {
         let rows = self.rows;
-        let groups = Groups::of(&self.shares, self.friction.len());
-        let mut sum = vec![0.0; rows * view.width];
+        let mut sum = vec![0.0; rows * view.width()];
         for members in groups.iter() {
             let first = self.contacts[members[0] as usize];
             for (slot, &body) in view.bodies_of(first).iter().enumerate() {
@@ -229,19 +234,21 @@ impl Part {
                 for &member in members {
                     let share = &self.shares[member as usize];
                     let place = view.places(self.contacts[member as usize]).start + slot;
-                    for (r, line) in sum.chunks_exact_mut(view.width).enumerate() {
+                    for (r, line) in sum.chunks_exact_mut(view.width()).enumerate() {
                         share.add_seen(view, place, r, share.weight, line);
                     }
                 }
                 let alike = |&member: &u32| {
                     let place = view.places(self.contacts[member as usize]).start + slot;
-                    sum.chunks_exact(view.width).enumerate().all(|(r, wanted)| {
-                        let mut line = [0.0; LARGEST];
-                        self.shares[member as usize].add_seen(view, place, r, 1.0, &mut line);
-                        let bound = ROUNDING * size(view.row(place, 0)).max(size(wanted));
-                        let misses = line.iter().zip(wanted).map(|(x, y)| (x - y).abs());
-                        within(misses.fold(0.0, f64::max), bound)
-                    })
+                    sum.chunks_exact(view.width())
+                        .enumerate()
+                        .all(|(r, wanted)| {
+                            let mut line = [0.0; LARGEST];
+                            self.shares[member as usize].add_seen(view, place, r, 1.0, &mut line);
+                            let bound = ROUNDING * size(view.row(place, 0)).max(size(wanted));
+                            let misses = line.iter().zip(wanted).map(|(x, y)| (x - y).abs());
+                            within(misses.fold(0.0, f64::max), bound)
+                        })
                 };
                 if members.len() > 1 && !members.iter().all(alike) {
                     return None;
@@ -258,19 +265,44 @@ impl Part {
 
     /// J' where bodies keep the velocities of a basis, and conditions (a) and (b).
     #[inline(always)]
-    fn project_blocks(&mut self, view: &View, bases: &[Basis], local: &LocalBodies) -> Option<()> {
-        let (rows, width) = (self.rows, self.matrix.width);
-        let groups = Groups::of(&self.shares, self.friction.len());
+    fn project_blocks<const R: usize, const D: usize>(
+        &mut self,
+        view: Shaped<R, D>,
+        groups: &Groups,
+        bases: &[Direction],
+        local: &LocalBodies,
+    ) -> Option<()> {
+        // The same code each time, made for blocks of this size.
+        match (self.rows, self.matrix.width) {
+            (1, 1) => self.project_sized::<R, D, 1, 1>(view, groups, bases, local),
+            (1, 2) => self.project_sized::<R, D, 1, 2>(view, groups, bases, local),
+            (1, 3) => self.project_sized::<R, D, 1, 3>(view, groups, bases, local),
+            (2, 2) => self.project_sized::<R, D, 2, 2>(view, groups, bases, local),
+            (2, 3) => self.project_sized::<R, D, 2, 3>(view, groups, bases, local),
+            (3, 3) => self.project_sized::<R, D, 3, 3>(view, groups, bases, local),
+            (rows, width) => unreachable!("no model has {rows} rows and {width} velocities"),
+        }
+    }
+
+    #[inline(always)]
+    fn project_sized<const R: usize, const D: usize, const ROWS: usize, const WIDTH: usize>(
+        &mut self,
+        view: Shaped<R, D>,
+        groups: &Groups,
+        bases: &[Direction],
+        local: &LocalBodies,
+    ) -> Option<()> {
+        let bases = bases.as_chunks::<WIDTH>().0;
         for members in groups.iter() {
             let first = self.contacts[members[0] as usize];
             for (slot, &body) in view.bodies_of(first).iter().enumerate() {
-                let mut sum = [[0.0; LARGEST]; 3];
+                let mut sum = [[0.0; LARGEST]; ROWS];
                 let mut longest = 0.0_f64;
                 for &member in members {
                     let share = &self.shares[member as usize];
                     let place = view.places(self.contacts[member as usize]).start + slot;
-                    for (r, line) in sum[..rows].iter_mut().enumerate() {
-                        share.add_seen(view, place, r, share.weight, &mut line[..view.width]);
+                    for (r, line) in sum.iter_mut().enumerate() {
+                        share.add_seen(view, place, r, share.weight, &mut line[..view.width()]);
                     }
                     let normal = view.row(place, 0);
                     longest = longest.max(dot(normal, normal));
@@ -281,24 +313,23 @@ impl Part {
                 let body = local.number(body);
                 self.matrix.columns.push(body as u32);
                 let basis = &bases[body];
-                let mut block = [[0.0; WIDEST]; 3];
-                for (line, entries) in sum[..rows].iter().zip(&mut block) {
-                    let line = &line[..view.width];
-                    let mut rest = [0.0; LARGEST];
-                    rest[..view.width].copy_from_slice(line);
-                    for (entry, vector) in entries[..width].iter_mut().zip(basis) {
-                        *entry = dot(line, &vector[..view.width]);
-                        for (value, direction) in rest[..view.width].iter_mut().zip(vector) {
+                let mut block = [[0.0; WIDTH]; ROWS];
+                for (line, entries) in sum.iter().zip(&mut block) {
+                    let mut rest = *line;
+                    for (entry, vector) in entries.iter_mut().zip(basis) {
+                        *entry = dot(&line[..view.width()], &vector[..view.width()]);
+                        for (value, direction) in rest[..view.width()].iter_mut().zip(vector) {
                             *value -= *entry * direction;
                         }
                     }
                     // (a), in squares.
+                    let line = &line[..view.width()];
                     let bound = ROUNDING * ROUNDING * longest.max(dot(line, line));
-                    if !within(dot(&rest[..view.width], &rest[..view.width]), bound) {
+                    if !within(dot(&rest[..view.width()], &rest[..view.width()]), bound) {
                         return None;
                     }
-                    self.matrix.values.extend_from_slice(&entries[..width]);
                 }
+                self.matrix.values.extend_from_slice(block.as_flattened());
                 self.same_from_all(view, members, slot, basis, &block, longest.sqrt())?;
             }
             self.matrix.starts.push(self.matrix.columns.len());
@@ -308,35 +339,35 @@ impl Part {
 
     /// (b): velocities within the basis look the same from each contact of a group.
     #[inline(always)]
-    fn same_from_all(
+    fn same_from_all<const R: usize, const D: usize, const ROWS: usize, const WIDTH: usize>(
         &self,
-        view: &View,
+        view: Shaped<R, D>,
         members: &[u32],
         slot: usize,
-        basis: &Basis,
-        block: &[[f64; WIDEST]; 3],
+        basis: &[Direction; WIDTH],
+        block: &[[f64; WIDTH]; ROWS],
         length: f64,
     ) -> Option<()> {
         for &member in members {
             let contact = self.contacts[member as usize];
             let share = &self.shares[member as usize];
-            let hides = self.rows < view.rows && view.has_friction(contact);
+            let hides = ROWS < view.rows() && view.has_friction(contact);
             if members.len() == 1 && !hides {
                 // It is the group.
                 continue;
             }
             let place = view.places(contact).start + slot;
-            for (k, vector) in basis[..self.matrix.width].iter().enumerate() {
+            for (k, vector) in basis.iter().enumerate() {
                 let mut seen = [0.0; 3];
-                for (r, value) in seen[..view.rows].iter_mut().enumerate() {
-                    *value = dot(view.row(place, r), &vector[..view.width]);
+                for (r, value) in seen[..view.rows()].iter_mut().enumerate() {
+                    *value = dot(view.row(place, r), &vector[..view.width()]);
                 }
                 let bound =
                     ROUNDING * length.max(seen.iter().fold(0.0, |most, x| most.max(x.abs())));
-                let found = share.seen(self.rows, seen[..view.rows].iter().copied());
-                let same = (0..self.rows).all(|r| (found[r] - block[r][k]).abs() <= bound);
+                let found = share.seen(ROWS, seen[..view.rows()].iter().copied());
+                let same = (0..ROWS).all(|r| (found[r] - block[r][k]).abs() <= bound);
                 let hidden = if hides {
-                    share.hidden(self.rows, &seen[..view.rows])
+                    share.hidden(ROWS, &seen[..view.rows()])
                 } else {
                     0.0
                 };
@@ -349,39 +380,44 @@ impl Part {
     }
 
     #[inline(always)]
-    fn growth_of(&self, view: &View) -> Growth {
-        let reduced = self.matrix.starts.windows(2).map(|range| {
+    fn growth_of<const R: usize, const D: usize>(
+        &self,
+        view: Shaped<R, D>,
+        groups: &Groups,
+    ) -> Growth {
+        let (mut factor, mut least, mut most) = (1.0_f64, usize::MAX, 1);
+        let area = self.rows * self.matrix.width;
+        for (members, range) in groups.iter().zip(self.matrix.starts.windows(2)) {
+            (least, most) = (least.min(members.len()), most.max(members.len()));
+            if members.len() == 1 && self.rows == view.rows() {
+                // C_i turns all rows, and by (a) none gets shorter.
+                continue;
+            }
             let mut diagonal = [0.0; 3];
-            let area = self.rows * self.matrix.width;
             let values = &self.matrix.values[range[0] * area..range[1] * area];
             for (at, line) in values.chunks_exact(self.matrix.width).enumerate() {
                 diagonal[at % self.rows] += dot(line, line);
             }
-            diagonal.into_iter().fold(0.0, f64::max)
-        });
-        let reduced: Vec<f64> = reduced.collect();
-        let mut sizes = vec![0.0_f64; reduced.len()];
-        let mut factor = 1.0_f64;
-        for (&contact, share) in self.contacts.iter().zip(&self.shares) {
-            let mut diagonal = [0.0; 3];
-            for place in view.places(contact) {
-                for (r, sum) in diagonal[..view.rows].iter_mut().enumerate() {
-                    let row = view.row(place, r);
-                    *sum += dot(row, row);
-                }
+            let reduced = diagonal.into_iter().fold(0.0, f64::max);
+            if reduced == 0.0 {
+                continue;
             }
-            let full = diagonal.into_iter().fold(0.0, f64::max);
-            let group = share.group as usize;
-            sizes[group] += 1.0;
-            if reduced[group] > 0.0 {
-                factor = factor.max(share.weight * full / reduced[group]);
+            for &member in members {
+                let mut diagonal = [0.0; 3];
+                for place in view.places(self.contacts[member as usize]) {
+                    for (r, sum) in diagonal[..view.rows()].iter_mut().enumerate() {
+                        let row = view.row(place, r);
+                        *sum += dot(row, row);
+                    }
+                }
+                let full = diagonal.into_iter().fold(0.0, f64::max);
+                factor = factor.max(self.shares[member as usize].weight * full / reduced);
             }
         }
-        let most = sizes.iter().fold(1.0, |most: f64, &size| most.max(size));
         Growth {
             factor,
-            least: sizes.iter().fold(most, |least, &size| least.min(size)),
-            most,
+            least: least.min(most) as f64,
+            most: most as f64,
         }
     }
 
@@ -527,9 +563,17 @@ impl Share {
 
     /// line += weight × row r of C_iᵀ Ĵ_i for one block.
     #[inline(always)]
-    pub fn add_seen(&self, view: &View, place: usize, r: usize, weight: f64, line: &mut [f64]) {
+    pub fn add_seen<const R: usize, const D: usize>(
+        &self,
+        view: Shaped<R, D>,
+        place: usize,
+        r: usize,
+        weight: f64,
+        line: &mut [f64],
+    ) {
         let mut add = |row: usize, weight: f64| {
-            for (sum, value) in line.iter_mut().zip(view.row(place, row)) {
+            let row = view.row(place, row);
+            for (sum, value) in line[..view.width()].iter_mut().zip(row) {
                 *sum += weight * value;
             }
         };
@@ -542,39 +586,48 @@ impl Share {
     }
 }
 
-/// Shares by their groups.
+/// The contacts of an island by their groups.
+#[derive(Default)]
 pub struct Groups {
-    /// Indices of shares, group by group.
+    /// Indices of contacts, group by group.
     order: Vec<u32>,
     /// Where each group ends.
-    ends: Vec<usize>,
+    ends: Vec<u32>,
 }
 
 impl Groups {
-    pub fn of(shares: &[Share], groups: usize) -> Self {
-        let mut ends = vec![0; groups];
-        for share in shares {
-            ends[share.group as usize] += 1;
+    pub fn with_capacity(contacts: usize) -> Self {
+        Self {
+            order: Vec::with_capacity(contacts),
+            ends: Vec::with_capacity(contacts),
         }
-        let mut sum = 0;
-        for end in &mut ends {
-            (sum, *end) = (sum + *end, sum);
-        }
-        let mut order = vec![0; shares.len()];
-        for (index, share) in shares.iter().enumerate() {
-            let place = &mut ends[share.group as usize];
-            order[*place] = index as u32;
-            *place += 1;
-        }
-        Self { order, ends }
     }
 
-    /// The indices of the shares of each group.
+    pub fn len(&self) -> usize {
+        self.ends.len()
+    }
+
+    /// Adds a contact to the group that is not ended yet.
+    #[inline(always)]
+    pub fn push(&mut self, index: usize) {
+        self.order.push(index as u32);
+    }
+
+    /// Ends a group, and returns its members.
+    #[inline(always)]
+    pub fn end(&mut self) -> &[u32] {
+        let begin = self.ends.last().map_or(0, |&end| end as usize);
+        self.ends.push(self.order.len() as u32);
+        &self.order[begin..]
+    }
+
+    /// The indices of the contacts of each group.
+    #[inline(always)]
     pub fn iter(&self) -> impl Iterator<Item = &[u32]> {
         let mut begin = 0;
         self.ends.iter().map(move |&end| {
-            let members = &self.order[begin..end];
-            begin = end;
+            let members = &self.order[begin..end as usize];
+            begin = end as usize;
             members
         })
     }
@@ -582,7 +635,14 @@ impl Groups {
 
 #[inline(always)]
 pub fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(x, y)| x * y).sum()
+    // Two sums, side by side in a register: nearly all of the work of this folder is dots of three and six numbers.
+    let (pairs, last) = a.as_chunks::<2>();
+    let (others, other) = b.as_chunks::<2>();
+    let mut sums = [0.0; 2];
+    for (x, y) in pairs.iter().zip(others) {
+        (0..2).for_each(|k| sums[k] += x[k] * y[k]);
+    }
+    sums[0] + sums[1] + last.iter().zip(other).map(|(x, y)| x * y).sum::<f64>()
 }
 
 pub fn size(a: &[f64]) -> f64 {

@@ -153,6 +153,48 @@ impl<'a> View<'a> {
     }
 }
 
+/// A view with blocks of a size that is known when compiled; zeros stand for any other.
+#[derive(Clone, Copy)]
+pub struct Shaped<'a, const ROWS: usize, const WIDTH: usize>(&'a View<'a>);
+
+impl<'a, const ROWS: usize, const WIDTH: usize> std::ops::Deref for Shaped<'a, ROWS, WIDTH> {
+    type Target = View<'a>;
+
+    #[inline(always)]
+    fn deref(&self) -> &View<'a> {
+        self.0
+    }
+}
+
+impl<'a, const ROWS: usize, const WIDTH: usize> Shaped<'a, ROWS, WIDTH> {
+    #[inline(always)]
+    fn rows(&self) -> usize {
+        if ROWS > 0 { ROWS } else { self.0.rows }
+    }
+
+    #[inline(always)]
+    fn width(&self) -> usize {
+        if WIDTH > 0 { WIDTH } else { self.0.width }
+    }
+
+    /// One row of a block of Ĵ.
+    #[inline(always)]
+    fn row(&self, place: usize, row: usize) -> &'a [f64] {
+        self.line(self.0.whitened, place, row)
+    }
+
+    /// One row of a block of Ĵ or J.
+    #[inline(always)]
+    fn line(&self, blocks: &'a [f64], place: usize, row: usize) -> &'a [f64] {
+        &blocks[(place * self.rows() + row) * self.width()..][..self.width()]
+    }
+
+    #[inline(always)]
+    fn target(&self, contact: u32) -> &'a [f64] {
+        &self.0.b[contact as usize * self.rows()..][..self.rows()]
+    }
+}
+
 /// The largest size of an entry.
 pub fn largest(values: &[f64]) -> f64 {
     values.iter().fold(0.0, |most, value| most.max(value.abs()))

@@ -6,10 +6,10 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use crate::exact::{Law, by_bodies};
 
 use super::inactive::Reach;
-use super::lift::{LARGEST, Model, Part, Proposal};
+use super::lift::{LARGEST, Model, Part};
 use super::local_bodies::LocalBodies;
 use super::{
-    Form, View, chain, collinear, inactive, islands, planar, redundant, single, spatial,
+    Form, Shaped, View, chain, collinear, inactive, islands, planar, redundant, single, spatial,
     translational,
 };
 
@@ -251,7 +251,7 @@ fn stays_as_it_is(view: &View, contacts: &[u32]) -> bool {
         && contacts.iter().all(|&contact| view.has_friction(contact))
         && collinear::slides(view, contacts)
         && !planar::may_be(view, contacts)
-        && !translational::may_be(view, contacts, view.rows)
+        && !translational::may_be(Shaped::<0, 0>(view), contacts, view.rows)
         && contacts.is_sorted_by(|one, other| by_bodies(one, other).is_le())
         && !spatial::has_twins(view, contacts)
 }
@@ -339,23 +339,21 @@ fn gathered(parts: Vec<Part>) -> Vec<Part> {
 
 /// The smallest exact model of an island; None where it is the whole system, and stays as it is.
 fn smallest(view: &View, contacts: &[u32], local: &LocalBodies) -> Option<Part> {
-    let sized = |rows, width| View {
-        rows,
-        width,
-        ..*view
-    };
     // The same code each time, made for blocks of this size.
     match (view.rows, view.width) {
-        (1, 3) => smallest_sized(&sized(1, 3), contacts, local),
-        (1, 6) => smallest_sized(&sized(1, 6), contacts, local),
-        (3, 3) => smallest_sized(&sized(3, 3), contacts, local),
-        (3, 6) => smallest_sized(&sized(3, 6), contacts, local),
-        _ => smallest_sized(view, contacts, local),
+        (1, 3) => smallest_sized::<1, 3>(Shaped(view), contacts, local),
+        (1, 6) => smallest_sized::<1, 6>(Shaped(view), contacts, local),
+        (3, 3) => smallest_sized::<3, 3>(Shaped(view), contacts, local),
+        (3, 6) => smallest_sized::<3, 6>(Shaped(view), contacts, local),
+        _ => smallest_sized::<0, 0>(Shaped(view), contacts, local),
     }
 }
 
-#[inline(always)]
-fn smallest_sized(view: &View, contacts: &[u32], local: &LocalBodies) -> Option<Part> {
+fn smallest_sized<const R: usize, const D: usize>(
+    view: Shaped<R, D>,
+    contacts: &[u32],
+    local: &LocalBodies,
+) -> Option<Part> {
     let alone = contacts.len() == view.contacts();
     let mut runs = Vec::new();
     let mut begin = 0;
@@ -363,7 +361,7 @@ fn smallest_sized(view: &View, contacts: &[u32], local: &LocalBodies) -> Option<
         runs.push(begin..begin + run.len());
         begin += run.len();
     }
-    let stands = |proposal: Proposal| Part::new(view, contacts, proposal, local);
+    let stands = |proposal| Part::new(view, contacts, proposal, local);
     if view.width <= LARGEST {
         let collinear = collinear::propose(view, contacts, &runs, local).and_then(stands);
         let planar = || planar::propose(view, contacts, &runs, local).find_map(stands);
@@ -376,7 +374,7 @@ fn smallest_sized(view: &View, contacts: &[u32], local: &LocalBodies) -> Option<
     let proposal = translational::propose(view, contacts, local, all);
     if alone
         && proposal.model == Model::Spatial
-        && proposal.groups == contacts.len()
+        && proposal.groups.len() == contacts.len()
         && contacts.len() > 1
     {
         return None;

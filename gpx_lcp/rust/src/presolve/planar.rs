@@ -10,19 +10,22 @@
 //! The weights of m contacts at y_i along e, from the plane through the body's centre of mass, are the smallest with Σ w = 1,
 //! Σ w y = 0: w_i = (Σ y² − y_i Σ y) / (m Σ y² − (Σ y)²), equal ones where the contacts lie symmetrically.
 
-use super::lift::{Basis, Columns, Groups, LARGEST, Model, Proposal, Share, size, within};
+use super::lift::{Columns, Direction, Groups, LARGEST, Model, Proposal, Share, size, within};
 use super::local_bodies::LocalBodies;
-use super::{ROUNDING, View};
+use super::{ROUNDING, Shaped, View};
 
 type Axis = [f64; 3];
+
+/// Of an arm, what is surely no rounding.
+const ROUGH: f64 = 1e-6;
 
 /// Normals closer to parallel than this do not tell the plane between them.
 const DISTINCT: f64 = 1e-3;
 
 /// Whether normals and sliding of contacts with friction lie in one plane.
 pub fn may_be(view: &View, contacts: &[u32]) -> bool {
-    Frames::of(view).is_some_and(|frames| {
-        let axes = frames.normals_of_plane(contacts).unwrap_or_default();
+    Frames::of(Shaped::<0, 0>(view)).is_some_and(|frames| {
+        let axes = frames.normals_of_plane(contacts);
         let within = |axis: &Axis| {
             let mut contacts = contacts.iter();
             contacts.all(|&contact| frames.place(contact, axis, true).is_some())
@@ -32,37 +35,38 @@ pub fn may_be(view: &View, contacts: &[u32]) -> bool {
 }
 
 /// Propose each plane that normals and sliding lie in.
-pub fn propose(
-    view: &View,
+#[inline(always)]
+pub fn propose<const R: usize, const D: usize>(
+    view: Shaped<R, D>,
     contacts: &[u32],
     runs: &[std::ops::Range<usize>],
     local: &LocalBodies,
 ) -> impl Iterator<Item = Proposal> {
-    let frame = Frames::of(view);
-    frame.into_iter().flat_map(move |frame| {
-        let candidates = frame.normals_of_plane(contacts).unwrap_or_default();
-        let propose = move |axis: Axis| frame.in_plane(contacts, runs, local, &axis);
+    Frames::of(view).into_iter().flat_map(move |frames| {
+        let candidates = frames.normals_of_plane(contacts);
+        let propose = move |axis: Axis| frames.in_plane(contacts, runs, local, &axis);
         candidates.into_iter().filter_map(propose)
     })
 }
 
-struct Frames<'a> {
-    view: &'a View<'a>,
+#[derive(Clone, Copy)]
+struct Frames<'a, const R: usize, const D: usize> {
+    view: Shaped<'a, R, D>,
     jacobian: &'a [f64],
 }
 
-impl<'a> Frames<'a> {
-    fn of(view: &'a View<'a>) -> Option<Self> {
-        let jacobian = view.jacobian.filter(|_| matches!(view.width, 3 | 6))?;
+impl<'a, const R: usize, const D: usize> Frames<'a, R, D> {
+    fn of(view: Shaped<'a, R, D>) -> Option<Self> {
+        let jacobian = view.jacobian.filter(|_| matches!(view.width(), 3 | 6))?;
         Some(Self { view, jacobian })
     }
 
     /// Row `row` of J for the first body of a contact: the direction of the row, and its moment.
+    #[inline(always)]
     fn row(&self, contact: u32, row: usize) -> (Axis, Axis) {
-        let View { rows, width, .. } = *self.view;
         let place = self.view.places(contact).start;
-        let line = &self.jacobian[(place * rows + row) * width..][..width];
-        let moment = if width == 6 {
+        let line = self.view.line(self.jacobian, place, row);
+        let moment = if self.view.width() == 6 {
             [line[3], line[4], line[5]]
         } else {
             [0.0; 3]
@@ -71,36 +75,42 @@ impl<'a> Frames<'a> {
     }
 
     /// What the plane can be perpendicular to: two normals that are not parallel decide; beside parallel ones either
-    /// tangent may be, and at last whatever is perpendicular to the fastest sliding.
-    fn normals_of_plane(&self, contacts: &[u32]) -> Option<Vec<Axis>> {
+    /// tangent may be, if nothing slides along it, and else whatever is perpendicular to the fastest sliding.
+    #[inline(always)]
+    fn normals_of_plane(&self, contacts: &[u32]) -> Vec<Axis> {
         let moved = |&&contact: &&u32| !self.view.places(contact).is_empty();
-        let first = *contacts.iter().find(moved)?;
+        let Some(&first) = contacts.iter().find(moved) else {
+            return Vec::new();
+        };
         let (normal, _) = self.row(first, 0);
+        let mut fastest = (0.0, None);
         for &contact in contacts.iter().filter(moved) {
             let axis = cross(&normal, &self.row(contact, 0).0);
-            if size(&axis) > DISTINCT {
-                return Some(vec![unit(axis)]);
+            if dot(&axis, &axis) > DISTINCT * DISTINCT {
+                return vec![unit(axis)];
+            }
+            let tangents = &self.view.target(contact)[1..];
+            let square = tangents.iter().map(|x| x * x).sum();
+            if square > fastest.0 && self.view.has_friction(contact) {
+                fastest = (square, Some(contact));
             }
         }
-        let rows = self.view.rows;
-        let mut axes: Vec<Axis> = (1..rows).map(|row| self.row(first, row).0).collect();
-        let mut fastest = (DISTINCT * self.view.largest, [0.0; 3]);
-        for &contact in contacts.iter().filter(moved) {
-            let target = self.view.target(contact);
-            let speed = size(&target[1..]);
-            if speed > fastest.0 {
-                let mut sliding = [0.0; 3];
-                for row in 1..rows {
-                    let (tangent, _) = self.row(contact, row);
-                    (0..3).for_each(|k| sliding[k] += target[row] / speed * tangent[k]);
-                }
-                fastest = (speed, cross(&normal, &sliding));
+        let rows = self.view.rows();
+        let mut sliding = [0.0; 3];
+        if let Some(contact) = fastest.1 {
+            for (row, speed) in (1..rows).zip(&self.view.target(contact)[1..]) {
+                let (tangent, _) = self.row(contact, row);
+                (0..3).for_each(|k| sliding[k] += speed * tangent[k]);
             }
         }
-        if size(&fastest.1) > 0.0 {
-            axes.push(unit(fastest.1));
+        let hidden = |axis: &Axis| dot(axis, &sliding).abs();
+        let axes = (1..rows).map(|row| self.row(first, row).0);
+        let slow = ROUNDING * self.view.largest;
+        let mut axes: Vec<Axis> = axes.filter(|axis| within(hidden(axis), slow)).collect();
+        if axes.is_empty() && rows > 1 {
+            axes.push(unit(cross(&normal, &sliding)));
         }
-        Some(axes)
+        axes
     }
 
     fn in_plane(
@@ -113,57 +123,59 @@ impl<'a> Frames<'a> {
         let view = self.view;
         let frictionless = !contacts.iter().any(|&contact| view.has_friction(contact));
         let mut shares: Vec<Share> = Vec::with_capacity(contacts.len());
-        let mut groups = 0_u32;
+        let mut groups = Groups::with_capacity(contacts.len());
         let mut places: Vec<Place> = Vec::new();
         for run in runs {
             places.clear();
             for &contact in &contacts[run.clone()] {
-                places.push(self.place(contact, axis, !frictionless)?);
-            }
-            let first = groups;
-            for (at, place) in places.iter().enumerate() {
-                let twin = (0..at).find(|&other| places[other].beside(place));
-                let group = twin.map_or(groups, |other| shares[run.start + other].group);
-                groups = groups.max(group + 1);
+                let place = self.place(contact, axis, !frictionless)?;
+                places.push(place);
                 shares.push(Share {
-                    group,
+                    group: u32::MAX,
                     weight: 1.0,
                     tangent: place.tangent,
                 });
             }
-            for group in first..groups {
-                balance(&mut shares[run.clone()], &places, group)?;
+            let shares = &mut shares[run.clone()];
+            for first in 0..places.len() {
+                if shares[first].group != u32::MAX {
+                    continue;
+                }
+                let group = groups.len() as u32;
+                for at in first..places.len() {
+                    let beside = at == first || places[at].beside(&places[first]);
+                    if shares[at].group == u32::MAX && beside {
+                        shares[at].group = group;
+                        groups.push(run.start + at);
+                    }
+                }
+                balance(shares, &places, groups.end(), run.start)?;
             }
         }
-        let columns = self.velocities(
-            contacts,
-            &shares,
-            groups as usize,
-            local,
-            axis,
-            frictionless,
-        );
+        let columns = self.velocities(contacts, &shares, &groups, local, axis, frictionless);
         Some(Proposal {
             model: Model::Planar,
             rows: if frictionless { 1 } else { 2 },
-            groups: groups as usize,
+            groups,
             shares,
             columns,
         })
     }
 
     /// Where a contact is, seen along the axis; None where its normal is not in the plane, or it slides out of it.
+    #[inline(always)]
     fn place(&self, contact: u32, axis: &Axis, friction: bool) -> Option<Place> {
         let view = self.view;
         if view.places(contact).is_empty() {
             return Some(Place::default());
         }
         let (normal, moment) = self.row(contact, 0);
-        if !within(dot(&normal, axis).abs(), ROUNDING * size(&normal)) {
+        let tilt = dot(&normal, axis);
+        if !within(tilt * tilt, ROUNDING * ROUNDING * dot(&normal, &normal)) {
             return None;
         }
         let mut tangent = [1.0, 0.0];
-        if friction && view.rows == 3 {
+        if friction && view.rows() == 3 {
             let (first, second) = (self.row(contact, 1).0, self.row(contact, 2).0);
             // The tangent in the plane is the one without a part along the axis.
             let along = [dot(&first, axis), dot(&second, axis)];
@@ -181,18 +193,19 @@ impl<'a> Frames<'a> {
         Some(Place {
             normal,
             moment: dot(&moment, axis),
-            arm: size(&moment),
+            squared_arm: dot(&moment, &moment),
             along: -dot(&moment, &cross(&normal, axis)),
             tangent,
         })
     }
 
     /// The translations in the plane, and for each body the whitened rotation of its largest moment.
+    #[inline(always)]
     fn velocities(
         &self,
         contacts: &[u32],
         shares: &[Share],
-        groups: usize,
+        groups: &Groups,
         local: &LocalBodies,
         axis: &Axis,
         frictionless: bool,
@@ -209,22 +222,18 @@ impl<'a> Frames<'a> {
         unit_vector[smallest] = 1.0;
         let across = unit(cross(axis, &unit_vector));
         let along = cross(axis, &across);
-        let mut basis: Basis = [[0.0; LARGEST]; 3];
-        basis[0][..3].copy_from_slice(&along);
-        basis[1][..3].copy_from_slice(&across);
-        let mut bases = vec![basis; local.count()];
-        if view.width == 3 {
-            return Columns::Some(2, bases);
+        let mut plane: [Direction; 3] = [[0.0; LARGEST]; 3];
+        plane[0][..3].copy_from_slice(&along);
+        plane[1][..3].copy_from_slice(&across);
+        if view.width() == 3 {
+            return Columns::Some(2, plane[..2].repeat(local.count()));
         }
         let rows = if frictionless { 1 } else { 2 };
+        // The largest moment of each body, and its square.
         let mut turning = vec![(0.0, [0.0; 3]); local.count()];
-        let groups = Groups::of(shares, groups);
         for group in groups.iter() {
-            for (slot, &body) in view
-                .bodies_of(contacts[group[0] as usize])
-                .iter()
-                .enumerate()
-            {
+            let bodies = view.bodies_of(contacts[group[0] as usize]);
+            for (slot, &body) in bodies.iter().enumerate() {
                 for row in 0..rows {
                     let mut line = [0.0; LARGEST];
                     for index in group.iter().map(|&index| index as usize) {
@@ -232,23 +241,24 @@ impl<'a> Frames<'a> {
                         shares[index].add_seen(view, place, row, shares[index].weight, &mut line);
                     }
                     let moment = [line[3], line[4], line[5]];
-                    let length = size(&moment);
+                    let square = dot(&moment, &moment);
                     let (most, direction) = &mut turning[local.number(body)];
-                    if length > *most && length > ROUNDING * size(&line) {
-                        (*most, *direction) = (length, moment);
+                    if square > *most && square > ROUNDING * ROUNDING * dot(&line, &line) {
+                        (*most, *direction) = (square, moment);
                     }
                 }
             }
         }
         if turning.iter().all(|(most, _)| *most == 0.0) {
-            return Columns::Some(2, bases);
+            return Columns::Some(2, plane[..2].repeat(local.count()));
         }
-        for (basis, (most, direction)) in bases.iter_mut().zip(&turning) {
+        let mut directions = plane.repeat(local.count());
+        for (basis, (most, direction)) in directions.chunks_exact_mut(3).zip(&turning) {
             if *most > 0.0 {
-                (0..3).for_each(|k| basis[2][3 + k] = direction[k] / most);
+                basis[2][3..].copy_from_slice(&direction.map(|value| value / most.sqrt()));
             }
         }
-        Columns::Some(3, bases)
+        Columns::Some(3, directions)
     }
 }
 
@@ -258,8 +268,8 @@ struct Place {
     normal: Axis,
     /// Of the normal row about the axis, for the first body: which line of the plane it acts in.
     moment: f64,
-    /// The size of the whole moment.
-    arm: f64,
+    /// Of the whole moment.
+    squared_arm: f64,
     /// y, the place along the axis.
     along: f64,
     tangent: [f64; 2],
@@ -269,19 +279,17 @@ impl Place {
     /// Whether two contacts of a pair differ by their place along the axis alone.
     fn beside(&self, other: &Self) -> bool {
         let apart = (0..3).any(|k| (self.normal[k] - other.normal[k]).abs() > ROUNDING);
-        let arm = 1e3 * ROUNDING * self.arm.max(other.arm);
-        !apart && (self.moment - other.moment).abs() <= arm
+        let (miss, arm) = (self.moment - other.moment, 1e3 * ROUNDING);
+        !apart && miss * miss <= arm * arm * self.squared_arm.max(other.squared_arm)
     }
 }
 
-/// Weigh the contacts of a group so that they have no moment out of the plane; None where that takes a negative weight.
-fn balance(shares: &mut [Share], places: &[Place], group: u32) -> Option<()> {
+/// Weigh the contacts of a group so that they have no moment out of the plane; None where that takes a negative weight, or
+/// cannot be. `members` count from `begin`, where shares and places begin.
+fn balance(shares: &mut [Share], places: &[Place], members: &[u32], begin: usize) -> Option<()> {
+    let members = || members.iter().map(|&member| member as usize - begin);
     let (mut count, mut sum, mut squares, mut most) = (0.0, 0.0, 0.0, 0.0_f64);
-    for (_, place) in shares
-        .iter()
-        .zip(places)
-        .filter(|(share, _)| share.group == group)
-    {
+    for place in members().map(|member| &places[member]) {
         let y = place.along;
         count += 1.0;
         sum += y;
@@ -289,20 +297,22 @@ fn balance(shares: &mut [Share], places: &[Place], group: u32) -> Option<()> {
         most = most.max(y.abs());
     }
     let spread = count * squares - sum * sum;
-    for (share, place) in shares
-        .iter_mut()
-        .zip(places)
-        .filter(|(share, _)| share.group == group)
-    {
+    for member in members() {
+        let place = &places[member];
+        if count == 1.0 && !within(most * most, ROUGH * ROUGH * place.squared_arm) {
+            // It is beside the plane, and nothing on the other side.
+            return None;
+        }
         let symmetric = count == 1.0 || sum.abs() <= ROUNDING * most;
-        share.weight = if symmetric {
+        let weight = if symmetric {
             1.0 / count
         } else {
             (squares - place.along * sum) / spread
         };
-        if share.weight <= 0.0 {
+        if weight <= 0.0 {
             return None;
         }
+        shares[member].weight = weight;
     }
     Some(())
 }

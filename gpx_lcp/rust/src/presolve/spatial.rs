@@ -4,41 +4,47 @@
 //! * Duplicates, contacts between the same bodies with the same rows of Ĵ, the same B and the same friction, see the same
 //!   velocity whatever happens: C_i = I and equal weights satisfy (a) to (c). The impulse comes back in equal parts.
 
-use super::View;
-use super::lift::{Columns, LARGEST, Model, Proposal, Share};
+use super::lift::{Columns, Groups, LARGEST, Model, Proposal, Share};
+use super::{Shaped, View};
 
 /// Propose the rows that matter, and one contact for each set of duplicates.
-pub fn propose(view: &View, contacts: &[u32], runs: &[std::ops::Range<usize>]) -> Proposal {
+pub fn propose<const R: usize, const D: usize>(
+    view: Shaped<R, D>,
+    contacts: &[u32],
+    runs: &[std::ops::Range<usize>],
+) -> Proposal {
     let frictionless = !contacts.iter().any(|&contact| view.has_friction(contact));
-    let rows = if frictionless { 1 } else { view.rows };
+    let rows = if frictionless { 1 } else { view.rows() };
     let mut shares: Vec<Share> = Vec::with_capacity(contacts.len());
-    let mut sizes: Vec<f64> = Vec::with_capacity(contacts.len());
+    let mut groups = Groups::with_capacity(contacts.len());
     for run in runs {
-        for place in run.clone() {
-            let same = |&other: &usize| same_rows(view, rows, contacts[place], contacts[other]);
-            let twin = (run.start..place).find(|other| view.width <= LARGEST && same(other));
-            let group = match twin {
-                Some(other) => shares[other].group,
-                None => {
-                    sizes.push(0.0);
-                    sizes.len() as u32 - 1
-                }
+        let mut begin = run.start;
+        for end in run.start + 1..=run.end {
+            // Contacts are in order, duplicates beside each other.
+            let goes_on = end < run.end
+                && view.width() <= LARGEST
+                && same_rows(view, rows, contacts[end - 1], contacts[end]);
+            if goes_on {
+                continue;
+            }
+            let share = Share {
+                weight: 1.0 / (end - begin) as f64,
+                ..Share::whole(groups.len() as u32)
             };
-            sizes[group as usize] += 1.0;
-            shares.push(Share::whole(group));
+            (begin..end).for_each(|index| groups.push(index));
+            groups.end();
+            shares.resize(end, share);
+            begin = end;
         }
     }
-    for share in &mut shares {
-        share.weight = 1.0 / sizes[share.group as usize];
-    }
     Proposal {
-        model: if rows < view.rows {
+        model: if rows < view.rows() {
             Model::Frictionless
         } else {
             Model::Spatial
         },
         rows,
-        groups: sizes.len(),
+        groups,
         shares,
         columns: Columns::All,
     }
@@ -49,14 +55,19 @@ pub fn has_twins(view: &View, contacts: &[u32]) -> bool {
     view.by_pairs(contacts).any(|run| {
         let same = |(at, &one): (usize, &u32)| {
             let mut before = run[..at].iter();
-            before.any(|&other| same_rows(view, view.rows, one, other))
+            before.any(|&other| same_rows(Shaped::<0, 0>(view), view.rows, one, other))
         };
         run.iter().enumerate().any(same)
     })
 }
 
 /// Whether two contacts between the same bodies are the same in all that matters.
-fn same_rows(view: &View, rows: usize, one: u32, other: u32) -> bool {
+fn same_rows<const R: usize, const D: usize>(
+    view: Shaped<R, D>,
+    rows: usize,
+    one: u32,
+    other: u32,
+) -> bool {
     let places = view.places(one).zip(view.places(other));
     let mut rows_of =
         places.flat_map(|(a, b)| (0..rows).map(move |row| (view.row(a, row), view.row(b, row))));

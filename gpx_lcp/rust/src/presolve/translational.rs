@@ -4,32 +4,45 @@
 //! seen by no contact: V is spanned by the first three, (a) and (b) hold because Ĵ_i Q Qᵀ = Ĵ_i, (c) because C_i = I or,
 //! without friction, the normal. Frictionless spheres are the common case.
 
-use super::lift::{Basis, Columns, LARGEST, Model, Proposal, WIDEST, size};
+use super::lift::{Columns, Direction, LARGEST, Model, Proposal, WIDEST, dot};
 use super::local_bodies::LocalBodies;
-use super::{ROUNDING, View};
+use super::{ROUNDING, Shaped};
 
 /// Whether bodies rotate, and the first rows of no contact turn any.
-pub fn may_be(view: &View, contacts: &[u32], rows: usize) -> bool {
+#[inline(always)]
+pub fn may_be<const R: usize, const D: usize>(
+    view: Shaped<R, D>,
+    contacts: &[u32],
+    rows: usize,
+) -> bool {
     let turns = |&contact: &u32| {
         view.places(contact).any(|place| {
             (0..rows).any(|row| {
-                size(&view.row(place, row)[WIDEST..]) > ROUNDING * size(view.row(place, row))
+                let line = view.row(place, row);
+                let (turning, bound) = (&line[WIDEST..], ROUNDING * ROUNDING * dot(line, line));
+                dot(turning, turning) > bound
             })
         })
     };
-    view.width > WIDEST && view.width <= LARGEST && !contacts.iter().any(turns)
+    view.width() > WIDEST && view.width() <= LARGEST && !contacts.iter().any(turns)
 }
 
 /// Take a proposal that keeps all velocities, and keep the translations.
-pub fn propose(view: &View, contacts: &[u32], local: &LocalBodies, all: Proposal) -> Proposal {
+#[inline(always)]
+pub fn propose<const R: usize, const D: usize>(
+    view: Shaped<R, D>,
+    contacts: &[u32],
+    local: &LocalBodies,
+    all: Proposal,
+) -> Proposal {
     if !may_be(view, contacts, all.rows) {
         return all;
     }
-    let mut translations: Basis = [[0.0; LARGEST]; WIDEST];
+    let mut translations: [Direction; WIDEST] = [[0.0; LARGEST]; WIDEST];
     (0..WIDEST).for_each(|axis| translations[axis][axis] = 1.0);
     Proposal {
         model: Model::Translational,
-        columns: Columns::Some(WIDEST, vec![translations; local.count()]),
+        columns: Columns::Some(WIDEST, translations.repeat(local.count())),
         ..all
     }
 }
