@@ -196,21 +196,16 @@ impl Part {
             }
             self.friction[share.group as usize] = view.friction[contact as usize];
         }
+        let bound = ROUNDING * view.largest;
         for (&contact, share) in self.contacts.iter().zip(&self.shares) {
             let target = view.target(contact);
             let group = &self.b[share.group as usize * rows..][..rows];
             let seen = share.seen(rows, target.iter().copied());
-            let (mut miss, mut hidden) = (0.0_f64, 0.0_f64);
-            for (value, wanted) in seen.iter().zip(group) {
-                miss = miss.max((value - wanted).abs());
-            }
-            if view.has_friction(contact) {
-                hidden = share.hidden(rows, target);
-            }
+            let mut misses = seen.iter().zip(group).map(|(value, wanted)| value - wanted);
+            let same = misses.all(|miss| within(miss.abs(), bound));
+            let shown = !view.has_friction(contact) || within(share.hidden(rows, target), bound);
             let friction = view.friction[contact as usize];
-            if friction != self.friction[share.group as usize]
-                || !within(miss.max(hidden), ROUNDING * view.largest)
-            {
+            if !(same && shown && friction == self.friction[share.group as usize]) {
                 return None;
             }
         }
@@ -357,21 +352,16 @@ impl Part {
                 continue;
             }
             let place = view.places(contact).start + slot;
+            let bound = ROUNDING * length;
             for (k, vector) in basis.iter().enumerate() {
                 let mut seen = [0.0; 3];
                 for (r, value) in seen[..view.rows()].iter_mut().enumerate() {
                     *value = dot(view.row(place, r), &vector[..view.width()]);
                 }
-                let bound =
-                    ROUNDING * length.max(seen.iter().fold(0.0, |most, x| most.max(x.abs())));
                 let found = share.seen(ROWS, seen[..view.rows()].iter().copied());
-                let same = (0..ROWS).all(|r| (found[r] - block[r][k]).abs() <= bound);
-                let hidden = if hides {
-                    share.hidden(ROWS, &seen[..view.rows()])
-                } else {
-                    0.0
-                };
-                if !(same && hidden <= bound) {
+                let same = (0..ROWS).all(|r| within((found[r] - block[r][k]).abs(), bound));
+                let shown = !hides || within(share.hidden(ROWS, &seen[..view.rows()]), bound);
+                if !(same && shown) {
                     return None;
                 }
             }

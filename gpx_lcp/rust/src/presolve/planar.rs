@@ -66,12 +66,7 @@ impl<'a, const R: usize, const D: usize> Frames<'a, R, D> {
     fn row(&self, contact: u32, row: usize) -> (Axis, Axis) {
         let place = self.view.places(contact).start;
         let line = self.view.line(self.jacobian, place, row);
-        let moment = if self.view.width() == 6 {
-            [line[3], line[4], line[5]]
-        } else {
-            [0.0; 3]
-        };
-        ([line[0], line[1], line[2]], moment)
+        ([line[0], line[1], line[2]], moment_of(line))
     }
 
     /// What the plane can be perpendicular to: two normals that are not parallel decide; beside parallel ones either
@@ -190,11 +185,20 @@ impl<'a, const R: usize, const D: usize> Frames<'a, R, D> {
                 return None;
             }
         }
+        let other = self.view.places(contact).len() > 1;
+        let across = cross(&normal, axis);
+        let beyond = other.then(|| {
+            let line = self
+                .view
+                .line(self.jacobian, self.view.places(contact).start + 1, 0);
+            moment_of(line)
+        });
+        let beyond = beyond.unwrap_or_default();
         Some(Place {
             normal,
             moment: dot(&moment, axis),
-            squared_arm: dot(&moment, &moment),
-            along: -dot(&moment, &cross(&normal, axis)),
+            squared_arms: [&moment, &beyond].map(|moment| dot(moment, moment)),
+            along: [-dot(&moment, &across), dot(&beyond, &across)],
             tangent,
         })
     }
@@ -268,10 +272,10 @@ struct Place {
     normal: Axis,
     /// Of the normal row about the axis, for the first body: which line of the plane it acts in.
     moment: f64,
-    /// Of the whole moment.
-    squared_arm: f64,
-    /// y, the place along the axis.
-    along: f64,
+    /// Of the whole moments about each of the bodies.
+    squared_arms: [f64; 2],
+    /// y, the place along the axis, from each of the bodies.
+    along: [f64; 2],
     tangent: [f64; 2],
 }
 
@@ -280,7 +284,7 @@ impl Place {
     fn beside(&self, other: &Self) -> bool {
         let apart = (0..3).any(|k| (self.normal[k] - other.normal[k]).abs() > ROUNDING);
         let (miss, arm) = (self.moment - other.moment, 1e3 * ROUNDING);
-        !apart && miss * miss <= arm * arm * self.squared_arm.max(other.squared_arm)
+        !apart && miss * miss <= arm * arm * self.squared_arms[0].max(other.squared_arms[0])
     }
 }
 
@@ -290,31 +294,42 @@ fn balance(shares: &mut [Share], places: &[Place], members: &[u32], begin: usize
     let members = || members.iter().map(|&member| member as usize - begin);
     let (mut count, mut sum, mut squares, mut most) = (0.0, 0.0, 0.0, 0.0_f64);
     for place in members().map(|member| &places[member]) {
-        let y = place.along;
+        let y = place.along[0];
         count += 1.0;
         sum += y;
         squares += y * y;
         most = most.max(y.abs());
     }
     let spread = count * squares - sum * sum;
+    let mut middle = [0.0; 2];
     for member in members() {
-        let place = &places[member];
-        if count == 1.0 && !within(most * most, ROUGH * ROUGH * place.squared_arm) {
-            // It is beside the plane, and nothing on the other side.
-            return None;
-        }
+        let y = places[member].along;
         let symmetric = count == 1.0 || sum.abs() <= ROUNDING * most;
         let weight = if symmetric {
             1.0 / count
         } else {
-            (squares - place.along * sum) / spread
+            (squares - y[0] * sum) / spread
         };
         if weight <= 0.0 {
             return None;
         }
         shares[member].weight = weight;
+        (0..2).for_each(|body| middle[body] += weight * y[body]);
     }
-    Some(())
+    // Most islands that are in no plane show it here: what should be there on the other side of it is not.
+    let arms = members().map(|member| places[member].squared_arms);
+    let arms = arms.fold([0.0_f64; 2], |most, arms| {
+        [0, 1].map(|body| most[body].max(arms[body]))
+    });
+    let balanced = |body: usize| middle[body] * middle[body] <= ROUGH * ROUGH * arms[body];
+    (balanced(0) && balanced(1)).then_some(())
+}
+
+/// Of a row of J; none where bodies do not turn.
+#[inline(always)]
+fn moment_of(line: &[f64]) -> Axis {
+    line.get(3..6)
+        .map_or([0.0; 3], |moment| [moment[0], moment[1], moment[2]])
 }
 
 fn dot<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
