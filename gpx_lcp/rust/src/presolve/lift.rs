@@ -227,11 +227,7 @@ impl Part {
             for (slot, &body) in view.bodies_of(first).iter().enumerate() {
                 sum.fill(0.0);
                 for &member in members {
-                    let share = &self.shares[member as usize];
-                    let place = view.places(self.contacts[member as usize]).start + slot;
-                    for (r, line) in sum.chunks_exact_mut(view.width()).enumerate() {
-                        share.add_seen(view, place, r, share.weight, line);
-                    }
+                    self.add_member(view, member, slot, sum.chunks_exact_mut(view.width()));
                 }
                 let alike = |&member: &u32| {
                     let place = view.places(self.contacts[member as usize]).start + slot;
@@ -256,6 +252,23 @@ impl Part {
             self.matrix.starts.push(self.matrix.columns.len());
         }
         Some(())
+    }
+
+    /// Adds w_i C_iᵀ Ĵ_i of one contact and one of its bodies, row by row; returns the place of the block.
+    #[inline(always)]
+    fn add_member<'l, const R: usize, const D: usize>(
+        &self,
+        view: Shaped<R, D>,
+        member: u32,
+        slot: usize,
+        lines: impl Iterator<Item = &'l mut [f64]>,
+    ) -> usize {
+        let share = &self.shares[member as usize];
+        let place = view.places(self.contacts[member as usize]).start + slot;
+        for (r, line) in lines.enumerate() {
+            share.add_seen(view, place, r, share.weight, line);
+        }
+        place
     }
 
     /// J' where bodies keep the velocities of a basis, and conditions (a) and (b).
@@ -294,11 +307,8 @@ impl Part {
                 let mut sum = [[0.0; LARGEST]; ROWS];
                 let mut longest = 0.0_f64;
                 for &member in members {
-                    let share = &self.shares[member as usize];
-                    let place = view.places(self.contacts[member as usize]).start + slot;
-                    for (r, line) in sum.iter_mut().enumerate() {
-                        share.add_seen(view, place, r, share.weight, &mut line[..view.width()]);
-                    }
+                    let lines = sum.iter_mut().map(|line| &mut line[..view.width()]);
+                    let place = self.add_member(view, member, slot, lines);
                     let normal = view.row(place, 0);
                     longest = longest.max(dot(normal, normal));
                 }

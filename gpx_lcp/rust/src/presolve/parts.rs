@@ -1,9 +1,7 @@
 //! What is left of a system when all reductions are done: its parts, and threads to solve them on.
 
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
-
 use crate::exact::{Law, by_bodies};
+use crate::team::Team;
 
 use super::inactive::Reach;
 use super::lift::{LARGEST, Model, Part};
@@ -106,43 +104,22 @@ impl Reduced {
     ) -> Vec<T> {
         let size = |part: &Part| part.friction.len();
         let total: usize = self.parts.iter().map(size).sum();
-        let results: Vec<Mutex<Option<T>>> = self.parts.iter().map(|_| Mutex::new(None)).collect();
-        let perform = |part: usize, threads: usize| {
-            let result = task(&self.parts[part], threads);
-            *results[part]
-                .lock()
-                .expect("no task panics with a result locked") = Some(result);
-        };
-        let mut order: Vec<usize> = (0..self.parts.len()).collect();
-        order.sort_by_key(|&part| std::cmp::Reverse(self.parts[part].matrix.values.len()));
-        let alone = |&part: &usize| within && threads * size(&self.parts[part]) > total;
-        let (alone, others): (Vec<usize>, Vec<usize>) = order.into_iter().partition(alone);
-        alone.iter().for_each(|&part| perform(part, threads));
-        let left: usize = others.iter().map(|&part| size(&self.parts[part])).sum();
-        let helpers = (threads.min(others.len()).max(1) - 1).min(left / WORTH_A_THREAD);
-        let next = AtomicUsize::new(0);
-        let work = || {
-            while let Some(&part) = others.get(next.fetch_add(1, Ordering::Relaxed)) {
-                perform(part, 1);
-            }
-        };
-        if helpers == 0 {
-            work();
-        } else {
-            std::thread::scope(|scope| {
-                (0..helpers).for_each(|_| {
-                    scope.spawn(work);
-                });
-                work();
-            });
+        let mut results: Vec<Option<T>> = self.parts.iter().map(|_| None).collect();
+        let mut order: Vec<_> = self.parts.iter().zip(&mut results).collect();
+        order.sort_by_key(|(part, _)| std::cmp::Reverse(part.matrix.values.len()));
+        let alone = |(part, _): &(&Part, _)| within && threads * size(part) > total;
+        let (alone, mut others): (Vec<_>, Vec<_>) = order.into_iter().partition(alone);
+        for (part, result) in alone {
+            *result = Some(task(part, threads));
         }
-        let done = |result: Mutex<Option<T>>| {
-            result
-                .into_inner()
-                .ok()
-                .flatten()
-                .expect("every part was visited")
-        };
+        let left: usize = others.iter().map(|(part, _)| size(part)).sum();
+        let helpers = (threads.min(others.len()).max(1) - 1).min(left / WORTH_A_THREAD);
+        Team::with(helpers + 1, |team| {
+            team.each(&mut others, |(part, result)| {
+                **result = Some(task(part, 1));
+            });
+        });
+        let done = |result: Option<T>| result.expect("every part was visited");
         results.into_iter().map(done).collect()
     }
 }
