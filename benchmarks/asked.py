@@ -13,7 +13,10 @@ from benchmarks.interface import Setting
 def add_peers(parser: argparse.ArgumentParser) -> None:
     """Add --peer; `engines_asked` and `missing_peers` read it."""
     parser.add_argument(
-        "--peer", action="append", choices=[*PEERS, "none"], help="only this peer; 'none' for gpx-lcp alone"
+        "--peer",
+        action="append",
+        choices=[*PEERS, "none"],
+        help="only this peer, with all its settings whatever else is filtered; 'none' for gpx-lcp alone",
     )
 
 
@@ -36,10 +39,18 @@ def _peers(asked: argparse.Namespace) -> Sequence[str]:
 
 
 def wanted(asked: argparse.Namespace, settings: Iterable[Setting]) -> list[Setting]:
-    """Return the settings whose solver and formulation are asked for."""
+    """Return the settings whose solver and formulation are asked for, and those of peers that are named."""
     return [
         setting
         for setting in settings
-        if (asked.solver is None or setting.solver in asked.solver)
-        and (asked.formulation is None or setting.formulation in asked.formulation)
+        if of_named_peer(asked, setting)
+        or (
+            (asked.solver is None or setting.solver in asked.solver)
+            and (asked.formulation is None or setting.formulation in asked.formulation)
+        )
     ]
+
+
+def of_named_peer(asked: argparse.Namespace, setting: Setting) -> bool:
+    """Whether a setting is of a peer that --peer names: our solvers are set beside it, so no filter leaves it out."""
+    return setting.engine in (asked.peer or ())

@@ -12,7 +12,7 @@ from rich.text import Text
 import gpx_lcp as gpx
 from benchmarks import stacks
 from benchmarks.arguments import add_effort, add_filters, chosen, positive, tolerance
-from benchmarks.asked import add_peers, engines_asked, missing_peers, wanted
+from benchmarks.asked import add_peers, engines_asked, missing_peers, of_named_peer, wanted
 from benchmarks.attempts import COLD, Attempt, Batch
 from benchmarks.charts import AXES, speed_accuracy
 from benchmarks.engines import ENGINES
@@ -23,7 +23,7 @@ from benchmarks.records import Record
 from benchmarks.simulating import STEPPED, SceneBatch
 from benchmarks.sweep_costs import SCENES as SWEEP_SCENES
 from benchmarks.sweep_costs import SWEEP, sweep_batch
-from benchmarks.tables import missing_notes, moving_table, rate_table, ratio_table, reach_table, scene_table
+from benchmarks.tables import certified_table, missing_notes, rate_table, ratio_table, reach_table, scene_table
 
 REPEATS, QUICK_REPEATS = 3, 2
 STEPS, QUICK_STEPS = 240, 20
@@ -96,12 +96,12 @@ class Stacks:
         """Return what was reached how fast, by whom."""
         charted = _titles(records, lambda scene: scene.charted)
         at_rest = _titles(records, lambda scene: scene.at_rest)
-        moving = _titles(records, lambda scene: not scene.at_rest)
+        large = _titles(records, lambda scene: scene.large)
         sweeps = [record for record in records if record.case == SWEEP and record.measured]
         tables = [
             *([reach_table(charted, records)] if charted else []),
             *([ratio_table(at_rest, records)] if at_rest else []),
-            *([moving_table(moving, records)] if moving else []),
+            *([certified_table(large, records)] if large else []),
             *([rate_table(sweeps)] if sweeps else []),
         ]
         return [*tables, *missing_notes(records)]
@@ -129,7 +129,7 @@ class Stacks:
 
 
 def _of_tolerance(asked: argparse.Namespace, settings: Sequence[Setting]) -> Sequence[Setting]:
-    """Return the settings that ask for a tolerance that is asked for.
+    """Return the settings that ask for a tolerance that is asked for, and those of peers that are named.
 
     Raises
     ------
@@ -145,7 +145,11 @@ def _of_tolerance(asked: argparse.Namespace, settings: Sequence[Setting]) -> Seq
                 f"--tolerance is {scientific(bound)}: no setting asks for it; there are "
                 f"{', '.join(map(scientific, known))}"
             )
-    return [setting for setting in settings if setting.options.get("tolerance") in asked.tolerance]
+    return [
+        setting
+        for setting in settings
+        if of_named_peer(asked, setting) or setting.options.get("tolerance") in asked.tolerance
+    ]
 
 
 def _scene_batch(name: str, settings: Sequence[Setting], asked: argparse.Namespace) -> SceneBatch:

@@ -75,17 +75,26 @@ def test_a_missing_peer_is_listed_and_the_run_goes_on(tmp_path, monkeypatch):
 
 
 @pytest.mark.skipif(not PyBullet().version(), reason="pybullet is not installed: it has wheels up to 3.11")
+def test_filters_leave_a_named_peer_in(tmp_path):
+    asked = (*SMALL, "--tolerance", "1e-6")
+    named = run(tmp_path / "named", *asked, "--peer", "pybullet")[2]
+    assert {(row["engine"], row["solver"]) for row in named} >= {("gpx-lcp", "pgs"), ("pybullet", "SI")}
+    assert {float(row["tolerance"]) for row in named if row["engine"] == "gpx-lcp"} == {1e-6}
+    assert {row["engine"] for row in run(tmp_path / "all", *asked)[2]} == {"gpx-lcp"}
+
+
+@pytest.mark.skipif(not PyBullet().version(), reason="pybullet is not installed: it has wheels up to 3.11")
 def test_resume_goes_on_with_what_was_asked_and_with_a_peer_that_is_there_by_now(tmp_path, monkeypatch):
-    asked = ("--solver", "pgs", "--solver", "SI", "--peer", "pybullet", "--steps", "4", "--quick")
+    asked = ("--solver", "pgs", "--peer", "pybullet", "--steps", "4", "--quick")
     with monkeypatch.context() as patch:
         patch.setattr(PyBullet, "version", lambda self: "")
         assert "missing" in {row["status"] for row in run(tmp_path, *asked)[2]}
     code, text = call("run", "stacks", "--out", str(tmp_path), "--resume")
     assert code == exit_codes.OK
-    assert "2 of 4 attempts are there; 2 are left" in text
+    assert "2 of 5 attempts are there; 3 are left" in text
     lines = (tmp_path / "stacks" / "rows.csv").read_text(encoding="utf-8").splitlines()
     rows = list(csv.DictReader(lines))
-    assert len(rows) == 8 and {row["engine"] for row in rows} == {"gpx-lcp", "pybullet"}
+    assert len(rows) == 10 and {row["engine"] for row in rows} == {"gpx-lcp", "pybullet"}
     assert "missing" not in {row["status"] for row in rows}
     code, text = call("run", "stacks", "--out", str(tmp_path), "--resume", "--repeats", "7")
     assert code == exit_codes.USAGE and "leave out --repeats" in text
