@@ -87,12 +87,25 @@ def test_painleve_rod_that_is_leaving_above_its_threshold_leaves(solver):
     assert not solution.impulse.any()
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_newton_solves_a_struck_pyramid_from_where_sweeps_end(seed):
+    solution = gpx.solve(tumbling(scenes.pyramid(8), seed), "coulomb", "newton", tolerance=TOLERANCE)
+    assert solution.status is gpx.Status.SOLVED
+    assert solution.iterations <= 60
+    assert "gauss_seidel" in solution.fallbacks and "interior_point" not in solution.fallbacks
+
+
 # No solution at all
 
 
 def tumbling_wall(rows, seed, planar=False):
     """Return the first step of a wall whose bricks start with random velocities, all of them or those in its plane."""
-    rest = system_of(scenes.wall(rows))
+    return tumbling(scenes.wall(rows), seed, planar)
+
+
+def tumbling(scene, seed, planar=False):
+    """Return the first step of a scene whose bodies start with random velocities."""
+    rest = system_of(scene)
     random = np.random.default_rng(seed).normal(size=(len(rest.inverse_mass), 6))
     if planar:
         random[:, [1, 3, 5]] = 0.0

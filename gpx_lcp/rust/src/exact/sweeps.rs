@@ -1,4 +1,5 @@
-//! A few sweeps of block Gauss-Seidel before anything is factored, and more of them only if they will get there soon.
+//! A few sweeps of block Gauss-Seidel before anything is factored, and more of them only if they will get there soon; or
+//! so many, as a start for a Newton method.
 //!
 //! Where contacts hardly influence each other, twenty sweeps reach 1e-8 and cost less than one factorisation. The rate at
 //! which the residual falls tells how many more are needed; it is read again each time their number has doubled.
@@ -24,30 +25,37 @@ const CHEAP: f64 = 60.0;
 /// More sweeps than that are never worth asking what a Newton step costs.
 const HOPELESS: f64 = 2000.0;
 
-/// Sweeps from `start` and offers the result to `best`; `most` tells how many sweeps may at most be needed. It is asked only
-/// when the first sweeps look promising.
+/// How long to sweep.
+pub enum Effort<'a> {
+    /// So many sweeps.
+    Fixed(usize),
+    /// As long as they promise to get there within a number of sweeps, which is asked only when the first look promising.
+    Promising(Box<dyn FnOnce() -> f64 + 'a>),
+}
+
+/// Sweeps from `start` and offers the result to `best`.
 pub fn gauss_seidel(
     problem: &Problem,
     start: &[Vector],
     limits: &Limits,
-    most: impl FnOnce() -> f64,
+    effort: Effort,
     best: &mut Best,
 ) {
     match &problem.operator {
         Operator::Impulse(a) => match a.height {
-            1 => explicit::<1>(a, problem, start, limits, most, best),
-            2 => explicit::<2>(a, problem, start, limits, most, best),
-            _ => explicit::<3>(a, problem, start, limits, most, best),
+            1 => explicit::<1>(a, problem, start, limits, effort, best),
+            2 => explicit::<2>(a, problem, start, limits, effort, best),
+            _ => explicit::<3>(a, problem, start, limits, effort, best),
         },
         Operator::Velocity(factor) => match (factor.height, factor.width) {
-            (1, 1) => factored::<1, 1>(factor, problem, start, limits, most, best),
-            (1, 2) => factored::<1, 2>(factor, problem, start, limits, most, best),
-            (1, 3) => factored::<1, 3>(factor, problem, start, limits, most, best),
-            (1, 6) => factored::<1, 6>(factor, problem, start, limits, most, best),
-            (2, 2) => factored::<2, 2>(factor, problem, start, limits, most, best),
-            (2, 3) => factored::<2, 3>(factor, problem, start, limits, most, best),
-            (3, 3) => factored::<3, 3>(factor, problem, start, limits, most, best),
-            (3, 6) => factored::<3, 6>(factor, problem, start, limits, most, best),
+            (1, 1) => factored::<1, 1>(factor, problem, start, limits, effort, best),
+            (1, 2) => factored::<1, 2>(factor, problem, start, limits, effort, best),
+            (1, 3) => factored::<1, 3>(factor, problem, start, limits, effort, best),
+            (1, 6) => factored::<1, 6>(factor, problem, start, limits, effort, best),
+            (2, 2) => factored::<2, 2>(factor, problem, start, limits, effort, best),
+            (2, 3) => factored::<2, 3>(factor, problem, start, limits, effort, best),
+            (3, 3) => factored::<3, 3>(factor, problem, start, limits, effort, best),
+            (3, 6) => factored::<3, 6>(factor, problem, start, limits, effort, best),
             // Any other shape of body is rare enough to go without.
             _ => {}
         },
@@ -59,11 +67,11 @@ fn explicit<const R: usize>(
     problem: &Problem,
     start: &[Vector],
     limits: &Limits,
-    most: impl FnOnce() -> f64,
+    effort: Effort,
     best: &mut Best,
 ) {
     let rows = BlockRows::of(a);
-    with_law::<R, _>(Explicit::new(rows), problem, start, limits, most, best);
+    with_law::<R, _>(Explicit::new(rows), problem, start, limits, effort, best);
 }
 
 fn factored<const R: usize, const D: usize>(
@@ -71,12 +79,12 @@ fn factored<const R: usize, const D: usize>(
     problem: &Problem,
     start: &[Vector],
     limits: &Limits,
-    most: impl FnOnce() -> f64,
+    effort: Effort,
     best: &mut Best,
 ) {
     // Contacts of more than two bodies are rare enough to go without, too.
     if let Some(delassus) = Factored::<R, D>::new(factor) {
-        with_law::<R, _>(delassus, problem, start, limits, most, best);
+        with_law::<R, _>(delassus, problem, start, limits, effort, best);
     }
 }
 
@@ -85,13 +93,13 @@ fn with_law<const R: usize, A: Delassus<R>>(
     problem: &Problem,
     start: &[Vector],
     limits: &Limits,
-    most: impl FnOnce() -> f64,
+    effort: Effort,
     best: &mut Best,
 ) {
     if problem.coupled {
-        sweep(delassus, &Coulomb, problem, start, limits, most, best);
+        sweep(delassus, &Coulomb, problem, start, limits, effort, best);
     } else {
-        sweep(delassus, &ConvexCone, problem, start, limits, most, best);
+        sweep(delassus, &ConvexCone, problem, start, limits, effort, best);
     }
 }
 
@@ -101,7 +109,7 @@ fn sweep<const R: usize, A: Delassus<R>, L: Law<R>>(
     problem: &Problem,
     start: &[Vector],
     limits: &Limits,
-    most: impl FnOnce() -> f64,
+    effort: Effort,
     best: &mut Best,
 ) {
     let target: Vec<[f64; R]> = problem
@@ -115,20 +123,24 @@ fn sweep<const R: usize, A: Delassus<R>, L: Law<R>>(
         scale: &problem.weight,
         target_norm: problem.b_norm(),
     };
+    let (max_sweeps, most) = match effort {
+        Effort::Fixed(sweeps) => (sweeps, None),
+        Effort::Promising(most) => (usize::MAX, Some(most)),
+    };
     let settings = Settings {
         tolerance: limits.tolerance,
-        max_sweeps: usize::MAX,
+        max_sweeps,
         time_limit: limits.left(),
         relaxation: 1.0,
         acceleration: true,
         threads: 1,
     };
-    let mut outlook = Outlook {
+    let mut outlook = most.map(|most| Outlook {
         tolerance: limits.tolerance,
         most: Some(most),
         budget: f64::INFINITY,
         next: TRIAL,
-    };
+    });
     let start: Vec<[f64; R]> = start.iter().map(|p| from_fn(|r| p[r])).collect();
     let outcome = solve_while(
         &delassus,
@@ -137,7 +149,11 @@ fn sweep<const R: usize, A: Delassus<R>, L: Law<R>>(
         &start,
         &settings,
         &mut || !limits.interrupted(),
-        &mut |history| outlook.promising(history),
+        &mut |history| {
+            outlook
+                .as_mut()
+                .is_none_or(|outlook| outlook.promising(history))
+        },
     );
     let residual = outcome
         .history
