@@ -7,8 +7,8 @@ The proximal point method solves, again and again for a moving centre p_k,
 by a generalised Newton method that sees the friction coupling; with σ = ∞ this is the problem itself. σ grows while
 Newton is quick. Before that a semismooth Newton method on the law itself is tried, which takes the contacts' states
 (open, sticking, sliding) from the point it has: one factorisation solves a tower at rest, from nothing or when its load
-changes, and impulses of the step before that still hold cost none. Where Newton is not quick, because much slides, sweeps
-of Gauss-Seidel look for the states; where that is not enough, the interior point takes over, and where that stalls,
+changes, and impulses of the step before that still hold cost none. Where Newton is not quick, because much slides, a
+number of sweeps looks for the states; where that is not enough, the interior point takes over, and where that stalls,
 proximal Newton again with more patience: see `fallbacks`.
 
 Its last steps converge quadratically where the solution is regular, and need no polish: every one of the 34 problem

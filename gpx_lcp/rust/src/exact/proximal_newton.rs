@@ -91,7 +91,7 @@ pub fn proximal_newton(
                 sigma *= 0.5;
             } else if inner.steps <= EASY {
                 sigma = (10.0 * sigma).min(ceiling).min(LARGEST_TRUST);
-                ceiling *= 1.4;
+                ceiling *= 2.0;
             } else if inner.steps > HARD {
                 sigma *= 0.7;
             }
