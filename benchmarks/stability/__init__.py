@@ -34,6 +34,7 @@ F27   A that is not symmetric                   none: A = J M⁻¹ Jᵀ is symme
 F28   over-relaxation                           `relaxation`
 F29   order of contacts                         `order`
 F30   a step of the projection that is one      `units`
+F31   much slides, and little is determined     `struck`
 ====  ========================================  ==================================================================
 
 No ladder has joints, motors, rolling friction or soft bodies, as the library has none.
