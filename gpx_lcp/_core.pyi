@@ -15,6 +15,7 @@ __all__ = [
     "Stack",
     "System",
     "World",
+    "admit",
     "solve",
 ]
 
@@ -74,6 +75,7 @@ class System:
     def residual(self, law: str, impulse: _Floats) -> float: ...
 
 def solve(system: System, effort: dict[str, Any], start: _Floats | None) -> Found: ...
+def admit(effort: dict[str, Any], friction: _Floats, impulse: _Floats) -> tuple[_Floats, float]: ...
 
 @final
 class Bodies:

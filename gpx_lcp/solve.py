@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from formulations import DEFAULT_FACETS, FORMULATIONS, PROJECTIONS, StackedSystem
 from formulations.checks import Array, as_array
+from gpx_lcp import _core
 from gpx_lcp.core_system import program_residual
 from gpx_lcp.errors import BackendMissing, ProblemError, SettingsError
 from gpx_lcp.solution import Solution, Status
@@ -244,6 +245,9 @@ def _checked_warm_start(row: Solver, request: Request, warm_start: npt.ArrayLike
         able = ", ".join(other.name for other in solvers().values() if other.warm_starts and other.installed)
         raise SettingsError(f"{row.name} cannot be warm-started; these can: {able}")
     guess = as_array("warm_start", warm_start, (system.contacts, system.rows))
+    if row.native is not None:
+        # By the formula of the core's own steps, so that a step stage by stage starts from the same numbers.
+        return _core.admit(row.native(request), system.friction, guess)
     inside = PROJECTIONS[request.formulation](guess, system.friction, request.facets)
     size = float(np.abs(guess).max(initial=0.0))
     moved = float(np.abs(inside - guess).max(initial=0.0)) / size if size > 0.0 else 0.0

@@ -18,7 +18,7 @@ mod _core {
     #[pymodule_export]
     use super::scene::Bodies;
     #[pymodule_export]
-    use super::solve::{Found, solve};
+    use super::solve::{Found, admit, solve};
     #[pymodule_export]
     use super::solved::Solved;
     #[pymodule_export]

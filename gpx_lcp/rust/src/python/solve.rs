@@ -2,7 +2,10 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1};
+use numpy::{
+    IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
+    PyUntypedArrayMethods,
+};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -125,6 +128,23 @@ pub fn solve(
         rows: system.matrix.height,
         answer: answer.expect("only a signal interrupts"),
     })
+}
+
+/// Start impulses, (n, rows), brought into the cones of a program, and how far they moved, relative to the largest entry.
+#[pyfunction]
+pub fn admit<'py>(
+    py: Python<'py>,
+    effort: Wanted<'_>,
+    friction: PyReadonlyArray1<'_, f64>,
+    impulse: PyReadonlyArray2<'_, f64>,
+) -> PyResult<(Bound<'py, PyArray2<f64>>, f64)> {
+    let (contacts, rows) = (impulse.shape()[0], impulse.shape()[1]);
+    let friction = friction.as_slice()?;
+    same_length("friction", friction.len(), contacts)?;
+    let mut inside = impulse.as_slice()?.to_vec();
+    let moved = effort.effort()?.program.admit(friction, &mut inside, rows);
+    let inside = inside.into_pyarray(py).reshape([contacts, rows])?;
+    Ok((inside, moved))
 }
 
 /// What a method found.
