@@ -82,9 +82,12 @@ impl Stack {
     }
 
     /// What the impulses, rows per contact, add to the velocities of the bodies: M⁻¹ Jᵀ p = L Ĵᵀ p.
+    ///
+    /// Impulses that mirror each other cancel to the last bit, so that what moves in a plane stays in it: presolve, which
+    /// solves in that plane, looks for it again in every step.
     pub fn velocity_change(&self, impulse: &[f64], change: &mut Vec<Twist>) {
         let mut states = Vec::new();
-        self.whitened.gather(impulse, &mut states);
+        self.whitened.gather_compensated(impulse, &mut states);
         let twist = |(root, state): (&MassRoot, &[f64])| Twist {
             linear: Vector::from_slice(&state[..3]) * root.linear,
             angular: match state.get(3..6) {
