@@ -418,6 +418,39 @@ def test_polygons_are_swept_as_they_are(formulation):
     np.testing.assert_array_equal(one.impulse, other.impulse)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_slow_island_may_leave_what_the_others_do_not(seed):
+    """What counts is the residual of the whole: parts need no more sweeps for it than the whole does."""
+    scene = gpx.Scene()
+    scene.add_static(gpx.HalfSpace())
+    rng = np.random.default_rng(seed)
+    for place in range(20):
+        for level in range(8):
+            linear, angular = 0.3 * rng.normal(size=(2, 3))
+            at = (3.0 * place, 0.0, 0.5 + level)
+            scene.add_rigid(gpx.Box(1, 1, 1), 1.0, position=at, velocity=linear, angular_velocity=angular)
+    system = gpx.World(scene, time_step=1 / 240).system()
+    whole, parts = (gpx.solve(system, solver="pgs", tolerance=1e-4, presolve=p) for p in (False, True))
+    assert parts.presolve.islands == 20
+    assert parts.status is whole.status is gpx.Status.SOLVED
+    assert parts.iterations <= 1.2 * whole.iterations
+
+
+def test_quick_islands_beside_a_slow_one_come_to_the_same_velocities():
+    """Most are left alone long before the tall tower is done."""
+    scene = islands(12, 4)
+    rng = np.random.default_rng(6)
+    for level in range(30):
+        at, spin = (0.0, 20.0, 0.5 + level), 0.3 * rng.normal(size=3)
+        scene.add_rigid(gpx.Box(1, 1, 1), 1.0, position=at, velocity=spin, angular_velocity=spin)
+    system = gpx.World(scene, time_step=1 / 240).system()
+    effort = {"solver": "pgs", "tolerance": 1e-9, "max_iterations": 100_000}
+    solution, whole = (gpx.solve(system, "cone", presolve=presolve, **effort) for presolve in (True, False))
+    assert solution.status is whole.status is gpx.Status.SOLVED
+    assert solution.iterations > 400
+    np.testing.assert_allclose(solution.velocity, whole.velocity, atol=1e-6)
+
+
 def test_a_system_by_its_matrix_is_swept_by_islands():
     system = gpx.World(islands(4, 10), time_step=1 / 240).system()
     system = gpx.StackedSystem(system.A, system.B, system.friction)
@@ -457,6 +490,41 @@ def test_worlds_move_the_same(name, solver):
     np.testing.assert_allclose(worlds[0].velocities, worlds[1].velocities, atol=1e-10)
     np.testing.assert_allclose(worlds[0].positions, worlds[1].positions, atol=1e-11)
     assert worlds[0].solution.presolve is None
+
+
+def tower_that_sways(height):
+    """A tower whose cubes all move in the plane x-z."""
+    scene = gpx.Scene()
+    scene.add_static(gpx.HalfSpace())
+    rng = np.random.default_rng(3)
+    for level in range(height):
+        across, along, turn = 0.3 * rng.normal(size=3)
+        position, velocity = (0.0, 0.0, 0.5 + level), (across, 0.0, along)
+        scene.add_rigid(gpx.Box(1, 1, 1), 1.0, position=position, velocity=velocity, angular_velocity=(0.0, turn, 0.0))
+    return scene
+
+
+@pytest.mark.parametrize("solver", ["newton", "pgs"])
+@pytest.mark.parametrize("scene", [gpx.scenes.wall(4), tower_that_sways(3)], ids=["wall", "tower"])
+def test_what_moves_in_a_plane_stays_in_it_for_a_thousand_steps(scene, solver):
+    """Lifted impulses mirror each other, and what they add to velocities cancels to the last bit."""
+    world = gpx.World(scene, 1 / 240, solver=solver, tolerance=1e-6, warm_start=False)
+    world.step(1000)
+    assert [reduction.name for reduction in world.solution.presolve.reductions] == ["planar"]
+    assert np.abs(world.velocities[:, [1, 3, 5]]).max() < 1e-25
+
+
+def test_a_wall_under_a_changing_load_stays_in_its_plane():
+    """Also where steps begin from the impulses of the last one, and a few sweeps do."""
+    world = gpx.World(gpx.scenes.wall(4), 1 / 240, solver="newton", tolerance=1e-8)
+    planar = 0
+    for step in range(600):
+        world.gravity = (0.0, 0.0, -9.81 * (1.0 + 0.3 * np.sin(0.05 * step)))
+        world.step()
+        report = world.solution.presolve
+        planar += report is not None and report.reductions[0].name == "planar"
+    assert planar > 500
+    assert np.abs(world.velocities[:, [1, 3, 5]]).max() < 1e-25
 
 
 def test_a_step_tells_what_presolve_did():

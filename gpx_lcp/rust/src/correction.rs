@@ -66,7 +66,7 @@ pub fn position_shift(
     // By as many threads as the step itself takes.
     let threads = effort.map_or(SWEEPS.threads, |effort| effort.threads);
     let settings = Settings { threads, ..SWEEPS };
-    let answer = sweep(system, program, &settings, None, &|| false)?;
+    let answer = sweep(system, program, &settings, None, &|| false, None)?;
     let mut shift = Vec::new();
     stack.velocity_change(&answer.impulse, &mut shift);
     Some(shift)

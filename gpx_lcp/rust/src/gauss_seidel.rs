@@ -100,12 +100,15 @@ pub fn solve<const R: usize, A: Delassus<R>, L: Law<R>>(
     settings: &Settings,
     go_on: &mut dyn FnMut() -> bool,
 ) -> Outcome<R> {
-    solve_while(delassus, law, problem, start, settings, go_on, &mut |_| {
-        true
-    })
+    let promising = &mut |_: &History, _: &dyn Fn() -> Vec<Vector<R>>| true;
+    solve_while(delassus, law, problem, start, settings, go_on, promising)
 }
 
-/// The same, while the history of residuals, shown at every evaluation that is not the last, is found promising.
+/// Who looks at the history of residuals and, if need be, at the impulses, and says whether they are promising.
+pub type Promising<'a, const R: usize> =
+    &'a mut dyn FnMut(&History, &dyn Fn() -> Vec<Vector<R>>) -> bool;
+
+/// The same, while what is shown at every evaluation that is not the last is found promising.
 pub fn solve_while<const R: usize, A: Delassus<R>, L: Law<R>>(
     delassus: &A,
     law: &L,
@@ -113,7 +116,7 @@ pub fn solve_while<const R: usize, A: Delassus<R>, L: Law<R>>(
     start: &[Vector<R>],
     settings: &Settings,
     go_on: &mut dyn FnMut() -> bool,
-    promising: &mut dyn FnMut(&History) -> bool,
+    promising: Promising<R>,
 ) -> Outcome<R> {
     let watch = Watch { go_on, promising };
     Team::with(settings.threads, |team| {
@@ -123,9 +126,9 @@ pub fn solve_while<const R: usize, A: Delassus<R>, L: Law<R>>(
 }
 
 /// Who is asked along the way whether to go on.
-struct Watch<'a> {
+struct Watch<'a, const R: usize> {
     go_on: &'a mut dyn FnMut() -> bool,
-    promising: &'a mut dyn FnMut(&History) -> bool,
+    promising: Promising<'a, R>,
 }
 
 fn iterate<const R: usize>(
@@ -133,7 +136,7 @@ fn iterate<const R: usize>(
     team: &Team,
     problem: &Problem<R>,
     settings: &Settings,
-    watch: Watch,
+    watch: Watch<R>,
 ) -> Outcome<R> {
     let Watch { go_on, promising } = watch;
     let begun = Instant::now();
@@ -172,7 +175,7 @@ fn iterate<const R: usize>(
             if sweeps == settings.max_sweeps {
                 break Stop::MaxSweeps;
             }
-            if !promising(&history) {
+            if !promising(&history, &|| sweeper.impulse()) {
                 break Stop::Interrupted;
             }
         }

@@ -25,6 +25,7 @@ pub mod integration;
 pub mod lanes;
 pub mod mean_motion;
 pub mod polygon;
+mod pooling;
 pub mod presolve;
 pub mod program;
 pub mod small_matrix;

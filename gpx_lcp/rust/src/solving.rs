@@ -5,12 +5,14 @@ use std::time::{Duration, Instant};
 
 use crate::exact::{self, BlockMatrix, Limits, Operator};
 use crate::gauss_seidel::{Settings, Stop};
+use crate::pooling::swept;
 use crate::presolve::{self, Form, FreeMotion, Part, Reduced};
 use crate::program::Program;
 use crate::stacking::Stack;
-use crate::sweeping::sweep;
+use crate::sweeping::{Look, sweep};
 
-/// How far above the tolerance, in its multiples, the start of a step may be to be swept over first, and how often.
+/// How far above the tolerance, in its multiples, the start of a step may be for an exact method to sweep over it first, and
+/// how often.
 ///
 /// What rests is never quite at rest: it keeps velocities of the size that the tolerance leaves, and stopping them takes
 /// the start of the next step beyond it, by a factor of two as a rule. Of the settled steps of a wall of 20 rows to 1e-10,
@@ -22,7 +24,7 @@ const FEW_SWEEPS: usize = 20;
 /// not turn down what was accepted here.
 const AIM: f64 = 1.0 - 1e-6;
 /// A tolerance below the rounding of a residual is never reached,
-const FINEST: f64 = 1e-15;
+pub const FINEST: f64 = 1e-15;
 /// and no sweep improves on an answer that leaves less than this.
 const ROUNDED: f64 = 1e-14;
 
@@ -50,6 +52,16 @@ pub struct Effort {
 pub enum Method {
     Sweeps { relaxation: f64, acceleration: bool },
     Exact(exact::Method),
+}
+
+impl Method {
+    /// Of an answer that took no iteration.
+    fn details(self) -> Details {
+        match self {
+            Method::Sweeps { .. } => Details::Sweeps(Stop::Solved),
+            Method::Exact(_) => Details::Exact(Factored::default()),
+        }
+    }
 }
 
 /// Why a solver stopped; solved only where the residual says so. The worse, the later.
@@ -147,7 +159,18 @@ pub trait Stacked {
     }
 }
 
-impl System<'_> {
+impl<'a> System<'a> {
+    /// With d of each contact from `scale_of`.
+    pub fn of(part: &'a Part, scale: &'a [f64]) -> Self {
+        Self {
+            form: part.form,
+            matrix: &part.matrix,
+            b: &part.b,
+            friction: &part.friction,
+            scale,
+        }
+    }
+
     fn operator(&self) -> Operator {
         match self.form {
             Form::Velocity => Operator::Velocity(self.matrix.clone()),
@@ -213,14 +236,16 @@ impl Stacked for Stack {
         if !self.b.chunks_exact(self.layout.rows).any(apart) {
             return None;
         }
-        let velocity = self.free.iter().flat_map(|free| {
-            let (linear, angular) = (free.linear.to_array(), free.angular.to_array());
-            let both = linear.into_iter().chain(angular);
-            both.take(self.layout.columns)
-        });
         let columns = self.layout.columns;
+        let mut velocity = Vec::with_capacity(columns * self.free.len());
+        for free in &self.free {
+            velocity.extend_from_slice(&free.linear.to_array());
+            if columns > 3 {
+                velocity.extend_from_slice(&free.angular.to_array());
+            }
+        }
         let masses = self.roots.iter().map(|root| root.inverse_mass(columns));
-        FreeMotion::of(velocity.collect(), columns, masses).map(Cow::Owned)
+        FreeMotion::of(velocity, columns, masses).map(Cow::Owned)
     }
 }
 
@@ -272,7 +297,7 @@ pub fn solve(
             start = Some(&lifted);
         }
     }
-    let mut answer = run(system, effort, &limits, start, effort.threads)?;
+    let mut answer = run(system, effort, &limits, start, effort.threads, None)?;
     answer.residual = system.residual(&effort.program, &answer.impulse);
     Some(judged(answer, effort))
 }
@@ -287,41 +312,17 @@ fn judged(mut answer: Answer, effort: &Effort) -> Answer {
     answer
 }
 
-/// The answer where the start is good enough, or for the exact methods nearly so.
+/// The start, or no impulses, where that is a solution.
 fn unchanged(system: System, effort: &Effort, limits: &Limits, start: &[f64]) -> Option<Answer> {
     let begun = Instant::now();
     let residual = system.residual(&effort.program, start);
-    let (impulse, residual) = match effort.method {
-        Method::Exact(_) => held(system, &effort.program, limits, start, residual),
-        Method::Sweeps { .. } => effort
-            .program
-            .settled(system, start, residual, limits.tolerance),
-    }?;
-    Some(Answer {
-        impulse,
-        residual,
-        elapsed: begun.elapsed(),
-        history: vec![(0, residual)],
-        details: match effort.method {
-            Method::Sweeps { .. } => Details::Sweeps(Stop::Solved),
-            Method::Exact(_) => Details::Exact(Factored::default()),
-        },
-        ..Answer::default()
-    })
+    kept(system, effort, limits, start, residual, begun)
 }
 
-/// The start impulses of a step, if they are a solution, or a few sweeps make them one; with its residual. `residual` is
-/// that of the start.
-fn held(
-    system: System,
-    program: &Program,
-    limits: &Limits,
-    start: &[f64],
-    residual: f64,
-) -> Option<(Vec<f64>, f64)> {
-    if residual <= limits.tolerance {
-        return program.settled(system, start, residual, limits.tolerance);
-    }
+/// The same for an exact method where a few sweeps make the start a solution.
+fn nearly(system: System, effort: &Effort, limits: &Limits, start: &[f64]) -> Option<Answer> {
+    let begun = Instant::now();
+    let residual = system.residual(&effort.program, start);
     if residual > NEAR * limits.tolerance {
         return None;
     }
@@ -334,18 +335,43 @@ fn held(
         threads: 1,
     };
     let interrupted = &|| limits.interrupted();
-    let swept = sweep(system, program, &settings, Some(start), interrupted)?.impulse;
-    let residual = system.residual(program, &swept);
-    program.settled(system, &swept, residual, limits.tolerance)
+    let program = &effort.program;
+    let swept = sweep(system, program, &settings, Some(start), interrupted, None)?;
+    let residual = system.residual(program, &swept.impulse);
+    kept(system, effort, limits, &swept.impulse, residual, begun)
 }
 
-/// Solve a system as it is; the residual of the answer is the method's own.
-fn run(
+/// Impulses that are a solution, or none if they do nothing but hold each other; `residual` is theirs.
+fn kept(
+    system: System,
+    effort: &Effort,
+    limits: &Limits,
+    impulse: &[f64],
+    residual: f64,
+    begun: Instant,
+) -> Option<Answer> {
+    let tolerance = limits.tolerance;
+    let (impulse, residual) = effort
+        .program
+        .settled(system, impulse, residual, tolerance)?;
+    Some(Answer {
+        impulse,
+        residual,
+        elapsed: begun.elapsed(),
+        history: vec![(0, residual)],
+        details: effort.method.details(),
+        ..Answer::default()
+    })
+}
+
+/// Solve a system as it is; the residual of the answer is the method's own. Sweeps may be looked at.
+pub fn run(
     system: System,
     effort: &Effort,
     limits: &Limits,
     start: Option<&[f64]>,
     threads: usize,
+    look: Option<Look>,
 ) -> Option<Answer> {
     match effort.method {
         Method::Sweeps {
@@ -361,12 +387,13 @@ fn run(
                 threads,
             };
             let interrupted = &|| limits.interrupted();
-            sweep(system, &effort.program, &settings, start, interrupted)
+            sweep(system, &effort.program, &settings, start, interrupted, look)
         }
         Method::Exact(method) => {
             let law = effort.program.isotropic();
             let law = law.expect("no exact method solves polygons: refused when made");
-            exactly(system, law, method, limits, start)
+            let near = start.and_then(|start| nearly(system, effort, limits, start));
+            near.or_else(|| exactly(system, law, method, limits, start))
         }
     }
 }
@@ -419,22 +446,10 @@ fn by_parts(
     start: Option<&[f64]>,
 ) -> Option<Answer> {
     let whole = presolve::size(view.b);
-    let solve_part = |part: &Part, threads: usize| {
-        let mut own = *limits;
-        own.tolerance = (limits.tolerance * part.allowance(view, whole)).max(FINEST);
-        let start = start.map(|start| part.restrict(view.rows, start));
-        let scale = scale_of(part.form, &part.matrix);
-        let system = System {
-            form: part.form,
-            matrix: &part.matrix,
-            b: &part.b,
-            friction: &part.friction,
-            scale: &scale,
-        };
-        run(system, effort, &own, start.as_deref(), threads)
-    };
-    let within = matches!(effort.method, Method::Sweeps { .. });
-    let answers = reduced.each(effort.threads, within, &solve_part);
+    let answers = match effort.method {
+        Method::Sweeps { .. } => swept(view, &reduced.parts, effort, limits, start),
+        Method::Exact(_) => solved(view, &reduced.parts, effort, limits, start),
+    }?;
     let Reduced {
         impulse,
         parts,
@@ -442,15 +457,11 @@ fn by_parts(
     } = reduced;
     let mut answer = Answer {
         impulse,
-        details: match effort.method {
-            Method::Sweeps { .. } => Details::Sweeps(Stop::Solved),
-            Method::Exact(_) => Details::Exact(Factored::default()),
-        },
+        details: effort.method.details(),
         presolve: Some(summary),
         ..Answer::default()
     };
     for (part, found) in parts.iter().zip(answers) {
-        let found = found?;
         part.lift(view.rows, &found.impulse, &mut answer.impulse);
         let share = presolve::size(&part.b) / whole;
         answer.residual = answer.residual.hypot(found.residual * share);
@@ -474,6 +485,29 @@ fn by_parts(
         answer.history.push((answer.iterations, answer.residual));
     }
     Some(answer)
+}
+
+/// Solve each part by an exact method.
+fn solved(
+    view: &presolve::View,
+    parts: &[Part],
+    effort: &Effort,
+    limits: &Limits,
+    start: Option<&[f64]>,
+) -> Option<Vec<Answer>> {
+    let whole = presolve::size(view.b);
+    let solve_part = |part: &Part, threads: usize| {
+        let allowed = part.fair_share(view, whole) / part.weight(view);
+        let mut own = *limits;
+        own.tolerance = (limits.tolerance * allowed.sqrt()).max(FINEST);
+        let start = start.map(|start| part.restrict(view.rows, start));
+        let scale = scale_of(part.form, &part.matrix);
+        let system = System::of(part, &scale);
+        run(system, effort, &own, start.as_deref(), threads, None)
+    };
+    let contacts = |part: &Part| part.friction.len();
+    let answers = presolve::each(parts, contacts, effort.threads, false, &solve_part);
+    answers.into_iter().collect()
 }
 
 impl Factored {

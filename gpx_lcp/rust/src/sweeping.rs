@@ -10,7 +10,7 @@ use crate::exact::BlockMatrix;
 use crate::explicit::Explicit;
 use crate::factored::Factored;
 use crate::friction_cone::{ConvexCone, Coulomb};
-use crate::gauss_seidel::{self, Outcome, Problem, Settings, Stop};
+use crate::gauss_seidel::{History, Outcome, Problem, Settings, Stop, solve_while};
 use crate::presolve::Form;
 use crate::program::Program;
 use crate::small_matrix::Vector;
@@ -18,6 +18,12 @@ use crate::solving::{Answer, Details, Interrupted, Status, System};
 
 /// The most velocities of a body that has a kernel.
 const WIDEST: usize = 6;
+
+/// Sweeps before the first look at the impulses; each further look comes when their number has doubled.
+const FIRST_LOOK: usize = 160;
+
+/// Who looks at the impulses, rows per contact, now and then, and says whether to go on.
+pub type Look<'a> = &'a dyn Fn(&[f64]) -> bool;
 
 /// Sweep over the contacts of a system; None where the caller interrupts it.
 ///
@@ -28,6 +34,7 @@ pub fn sweep(
     settings: &Settings,
     start: Option<&[f64]>,
     interrupted: Interrupted,
+    look: Option<Look>,
 ) -> Option<Answer> {
     let delassus;
     let mut system = system;
@@ -41,6 +48,7 @@ pub fn sweep(
         settings,
         start,
         interrupted,
+        look,
     };
     let rows = if question.frictionless {
         1
@@ -75,6 +83,7 @@ struct Question<'a> {
     settings: &'a Settings,
     start: Option<&'a [f64]>,
     interrupted: Interrupted<'a>,
+    look: Option<Look<'a>>,
 }
 
 impl Question<'_> {
@@ -145,24 +154,42 @@ impl Question<'_> {
             scale,
             target_norm: square.sqrt(),
         };
+        let in_full = |impulses: &[Vector<R>]| {
+            let mut impulse = vec![0.0; b.len()];
+            for (all, p) in impulse.chunks_exact_mut(rows).zip(impulses) {
+                for r in 0..R {
+                    all[r] = unit * p[r];
+                }
+            }
+            impulse
+        };
         let go_on = &mut || !(self.interrupted)();
-        let outcome = gauss_seidel::solve(delassus, law, &problem, &start, self.settings, go_on);
+        let (mut next_look, mut ended) = (FIRST_LOOK, false);
+        let promising = &mut |history: &History, impulses: &dyn Fn() -> Vec<Vector<R>>| {
+            let sweeps = history.last().map_or(0, |&(sweeps, _)| sweeps);
+            if sweeps >= next_look
+                && let Some(look) = self.look
+            {
+                next_look = 2 * sweeps;
+                ended = !look(&in_full(&impulses()));
+            }
+            !ended
+        };
+        let settings = self.settings;
+        let outcome = solve_while(delassus, law, &problem, &start, settings, go_on, promising);
         let Outcome {
-            stop,
+            mut stop,
             sweeps,
             history,
             elapsed,
             ..
         } = outcome;
-        if stop == Stop::Interrupted {
+        if ended {
+            stop = Stop::MaxSweeps;
+        } else if stop == Stop::Interrupted {
             return None;
         }
-        let mut impulse = vec![0.0; b.len()];
-        for (all, p) in impulse.chunks_exact_mut(rows).zip(&outcome.impulse) {
-            for r in 0..R {
-                all[r] = unit * p[r];
-            }
-        }
+        let impulse = in_full(&outcome.impulse);
         Some(Answer {
             impulse,
             status: stop.into(),

@@ -149,7 +149,7 @@ fn sweep<const R: usize, A: Delassus<R>, L: Law<R>>(
         &start,
         &settings,
         &mut || !limits.interrupted(),
-        &mut |history| {
+        &mut |history, _| {
             outlook
                 .as_mut()
                 .is_none_or(|outlook| outlook.promising(history))

@@ -323,6 +323,9 @@ fn twice_kinetic_energy(
         // Translation and rotation, each for itself.
         let (linear, angular) = velocity.split_at(3);
         let translation = by_factors(3, entry, linear, scratch)?;
+        if angular.iter().all(|&w| w == 0.0) {
+            return Some(translation);
+        }
         let turn = |row: usize, column: usize| entry(row + 3, column + 3);
         return Some(translation + by_factors(3, turn, angular, scratch)?);
     }

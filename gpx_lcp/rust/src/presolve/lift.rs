@@ -3,7 +3,7 @@
 use crate::exact::BlockMatrix;
 
 use super::local_bodies::LocalBodies;
-use super::{Form, ROUNDING, Shaped, View};
+use super::{Form, ROUNDING, Shaped, Size, View};
 
 /// What a part of the system was taken for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -92,7 +92,7 @@ impl Part {
             columns,
         } = proposal;
         if model == Model::Spatial && groups.len() == contacts.len() {
-            return Some(Self::untouched(&view, contacts, shares, local));
+            return Some(Self::untouched(&view, contacts, local));
         }
         let width = match columns {
             Columns::All => view.width(),
@@ -129,7 +129,7 @@ impl Part {
     }
 
     /// The contacts as they are, without those of other islands.
-    fn untouched(view: &View, contacts: &[u32], shares: Vec<Share>, local: &LocalBodies) -> Self {
+    pub fn untouched(view: &View, contacts: &[u32], local: &LocalBodies) -> Self {
         let area = view.rows * view.width;
         let mut matrix = BlockMatrix {
             starts: Vec::with_capacity(contacts.len() + 1),
@@ -164,16 +164,20 @@ impl Part {
             matrix,
             b,
             friction: friction.collect(),
-            shares,
+            shares: (0..contacts.len() as u32).map(Share::whole).collect(),
             growth: Growth::default(),
         }
     }
 
     /// How large it is; A alone says nothing of velocities.
-    pub fn velocities(&self) -> usize {
-        match self.form {
-            Form::Velocity => self.matrix.block_columns * self.matrix.width,
-            Form::Impulse => 0,
+    pub fn size(&self) -> Size {
+        Size {
+            contacts: self.friction.len(),
+            rows: self.b.len(),
+            velocities: match self.form {
+                Form::Velocity => self.matrix.block_columns * self.matrix.width,
+                Form::Impulse => 0,
+            },
         }
     }
 
@@ -421,42 +425,36 @@ impl Part {
         }
     }
 
-    /// How much of the tolerance of the whole, relative to ‖B‖ = `whole`, this part may use relative to its own B.
+    /// What a residual of one relative to the part's own B is at most of the whole system's, squared, m²/s².
+    pub fn weight(&self, view: &View) -> f64 {
+        self.growth.bound().powi(2) * self.asked(view)
+    }
+
+    /// The share of this part in what all may leave of ‖B‖² = `whole`².
     ///
     /// Islands with r_k² ≤ tol² (‖B_k‖² + ‖B‖² n_k/n)/2 add up to r ≤ tol ‖B‖: an island in which hardly anything moves
     /// need not be solved to its own last digit.
-    pub fn allowance(&self, view: &View, whole: f64) -> f64 {
-        let own: f64 = self
-            .contacts
-            .iter()
-            .map(|&contact| dot(view.target(contact), view.target(contact)))
-            .sum();
+    pub fn fair_share(&self, view: &View, whole: f64) -> f64 {
         let share = self.contacts.len() as f64 / view.contacts() as f64;
-        let allowed = 0.5 * (own + whole * whole * share);
-        (allowed / own).sqrt() / self.growth.bound()
+        0.5 * (self.asked(view) + whole * whole * share)
+    }
+
+    /// ‖B_k‖² of the contacts that it stands for.
+    fn asked(&self, view: &View) -> f64 {
+        let square = |&contact: &u32| dot(view.target(contact), view.target(contact));
+        self.contacts.iter().map(square).sum()
     }
 
     /// Takes another part of the same shape in.
     pub fn append(&mut self, other: Self) {
         let groups = self.friction.len() as u32;
-        let blocks = self.matrix.columns.len();
-        let bodies = self.matrix.block_columns as u32;
         self.contacts.extend(other.contacts);
         self.shares
             .extend(other.shares.into_iter().map(|share| Share {
                 group: share.group + groups,
                 ..share
             }));
-        let starts = other.matrix.starts[1..].iter();
-        self.matrix
-            .starts
-            .extend(starts.map(|start| start + blocks));
-        let columns = other.matrix.columns.iter();
-        self.matrix
-            .columns
-            .extend(columns.map(|body| body + bodies));
-        self.matrix.values.extend(other.matrix.values);
-        self.matrix.block_columns += other.matrix.block_columns;
+        self.matrix.append(&other.matrix);
         self.b.extend(other.b);
         self.friction.extend(other.friction);
         self.growth.join(other.growth);

@@ -52,7 +52,7 @@ mod translational;
 
 pub use islands::all_islands;
 pub use lift::{Model, Part, size};
-pub use parts::{Reduced, Size, Summary, reduce, summary};
+pub use parts::{Reduced, Size, Summary, each, reduce, summary};
 
 use crate::exact::{Contacts, Described, Law};
 

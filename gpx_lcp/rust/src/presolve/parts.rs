@@ -90,38 +90,36 @@ pub fn summary(view: &View) -> Summary {
     )
 }
 
-impl Reduced {
-    /// Runs one task for each part, with the number of threads that it may use `within`, if it uses any, and returns the
-    /// results in the order of the parts.
-    ///
-    /// A part that is more than one thread's share of all gets all threads within; the others are handed out, the largest
-    /// first.
-    pub fn each<T: Send>(
-        &self,
-        threads: usize,
-        within: bool,
-        task: &(impl Fn(&Part, usize) -> T + Sync),
-    ) -> Vec<T> {
-        let size = |part: &Part| part.friction.len();
-        let total: usize = self.parts.iter().map(size).sum();
-        let mut results: Vec<Option<T>> = self.parts.iter().map(|_| None).collect();
-        let mut order: Vec<_> = self.parts.iter().zip(&mut results).collect();
-        order.sort_by_key(|(part, _)| std::cmp::Reverse(part.matrix.values.len()));
-        let alone = |(part, _): &(&Part, _)| within && threads * size(part) > total;
-        let (alone, mut others): (Vec<_>, Vec<_>) = order.into_iter().partition(alone);
-        for (part, result) in alone {
-            *result = Some(task(part, threads));
-        }
-        let left: usize = others.iter().map(|(part, _)| size(part)).sum();
-        let helpers = (threads.min(others.len()).max(1) - 1).min(left / WORTH_A_THREAD);
-        Team::with(helpers + 1, |team| {
-            team.each(&mut others, |(part, result)| {
-                **result = Some(task(part, 1));
-            });
-        });
-        let done = |result: Option<T>| result.expect("every part was visited");
-        results.into_iter().map(done).collect()
+/// Runs one task for each item, with the number of threads that it may use `within`, if it uses any, and returns the
+/// results in the order of the items.
+///
+/// An item of a size that is more than one thread's share of all gets all threads within; the others are handed out, the
+/// largest first.
+pub fn each<Item: Sync, T: Send>(
+    items: &[Item],
+    size: impl Fn(&Item) -> usize,
+    threads: usize,
+    within: bool,
+    task: &(impl Fn(&Item, usize) -> T + Sync),
+) -> Vec<T> {
+    let total: usize = items.iter().map(&size).sum();
+    let mut results: Vec<Option<T>> = items.iter().map(|_| None).collect();
+    let mut order: Vec<_> = items.iter().zip(&mut results).collect();
+    order.sort_by_key(|(item, _)| std::cmp::Reverse(size(item)));
+    let alone = |(item, _): &(&Item, _)| within && threads * size(item) > total;
+    let (alone, mut others): (Vec<_>, Vec<_>) = order.into_iter().partition(alone);
+    for (item, result) in alone {
+        *result = Some(task(item, threads));
     }
+    let left: usize = others.iter().map(|(item, _)| size(item)).sum();
+    let helpers = (threads.min(others.len()).max(1) - 1).min(left / WORTH_A_THREAD);
+    Team::with(helpers + 1, |team| {
+        team.each(&mut others, |(item, result)| {
+            **result = Some(task(item, 1));
+        });
+    });
+    let done = |result: Option<T>| result.expect("every item was visited");
+    results.into_iter().map(done).collect()
 }
 
 /// The parts that are left of a system, or None where nothing can be taken from it.
@@ -144,10 +142,22 @@ pub fn reduce(view: &View) -> Option<Reduced> {
         }
     }
     if let Some(largest) = pieces.iter().max_by_key(|piece| piece.len())
-        && WORTH_TAKING * (view.contacts() - largest.len()) < view.contacts()
-        && stays_as_it_is(view, largest)
+        && stays_as_it_is(view, largest, &mut local)
     {
-        return None;
+        if WORTH_TAKING * (view.contacts() - largest.len()) < view.contacts() {
+            return None;
+        }
+        // Others like it are as soon done with.
+        pieces.retain(|piece| {
+            let closes = !inactive::nothing_closes(view, piece);
+            let stays = closes && piece.len() > 1 && stays_as_it_is(view, piece, &mut local);
+            if stays {
+                let part = Part::untouched(view, piece, &local);
+                summary.after.add(part.size());
+                parts.push(part);
+            }
+            !stays
+        });
     }
     for mut contacts in in_order(view, pieces) {
         local.renumber(view, &contacts);
@@ -177,11 +187,7 @@ pub fn reduce(view: &View) -> Option<Reduced> {
                 part
             }
         };
-        let left = Size {
-            contacts: part.friction.len(),
-            rows: part.b.len(),
-            velocities: part.velocities(),
-        };
+        let left = part.size();
         summary.count(name(&part), 1, whole.less(left));
         match single::solve(&part, view.law).or_else(|| chain::solve(&part)) {
             Some(found) => {
@@ -217,20 +223,49 @@ pub fn reduce(view: &View) -> Option<Reduced> {
     })
 }
 
-/// Whether no proposal for these contacts stands, as is soon seen of most that move in space, before they are put in order.
-fn stays_as_it_is(view: &View, contacts: &[u32]) -> bool {
+/// Whether no proposal for these contacts stands, as is soon seen of most that do not lie in a plane, before they are put in
+/// order. Numbers their bodies.
+fn stays_as_it_is(view: &View, contacts: &[u32], local: &mut LocalBodies) -> bool {
+    // The same code each time, made for blocks of this size.
+    match (view.rows, view.width) {
+        (3, 6) => stays_sized::<3, 6>(Shaped(view), contacts, local),
+        _ => stays_sized::<0, 0>(Shaped(view), contacts, local),
+    }
+}
+
+fn stays_sized<const R: usize, const D: usize>(
+    view: Shaped<R, D>,
+    contacts: &[u32],
+    local: &mut LocalBodies,
+) -> bool {
     let by_bodies =
         |one: &u32, other: &u32| by_bodies(view.bodies_of(*one), view.bodies_of(*other));
-    contacts.len() > 1
+    let may_stay = contacts.len() > 1
         && view.form == Form::Velocity
         && view.law == Law::Coulomb
         && view.width <= LARGEST
         && contacts.iter().all(|&contact| view.has_friction(contact))
-        && collinear::slides(view, contacts)
-        && !planar::may_be(view, contacts)
-        && !translational::may_be(Shaped::<0, 0>(view), contacts, view.rows)
-        && contacts.is_sorted_by(|one, other| by_bodies(one, other).is_le())
-        && !spatial::has_twins(view, contacts)
+        && contacts.is_sorted_by(|one, other| by_bodies(one, other).is_le());
+    if !may_stay {
+        return false;
+    }
+    local.renumber(&view, contacts);
+    let runs = runs(&view, contacts);
+    let mut planar = planar::propose(view, contacts, &runs, local);
+    planar.next().is_none()
+        && collinear::propose(view, contacts, &runs, local).is_none()
+        && !translational::may_be(view, contacts, view.rows())
+        && !spatial::has_twins(&view, contacts)
+}
+
+/// Where contacts that are sorted by bodies have those of the same bodies.
+fn runs(view: &View, contacts: &[u32]) -> Vec<std::ops::Range<usize>> {
+    let mut begin = 0;
+    let ranges = view.by_pairs(contacts).map(|run| {
+        begin += run.len();
+        begin - run.len()..begin
+    });
+    ranges.collect()
 }
 
 /// Islands, and the contacts of each, in an order that does not depend on the order they came in, by bodies first.
@@ -332,12 +367,7 @@ fn smallest_sized<const R: usize, const D: usize>(
     local: &LocalBodies,
 ) -> Option<Part> {
     let alone = contacts.len() == view.contacts();
-    let mut runs = Vec::new();
-    let mut begin = 0;
-    for run in view.by_pairs(contacts) {
-        runs.push(begin..begin + run.len());
-        begin += run.len();
-    }
+    let runs = runs(&view, contacts);
     let stands = |proposal| Part::new(view, contacts, proposal, local);
     if view.width <= LARGEST {
         let collinear = collinear::propose(view, contacts, &runs, local).and_then(stands);

@@ -12,7 +12,7 @@
 
 use super::lift::{Columns, Direction, Groups, LARGEST, Model, Proposal, Share, size, within};
 use super::local_bodies::LocalBodies;
-use super::{ROUNDING, Shaped, View};
+use super::{ROUNDING, Shaped};
 
 type Axis = [f64; 3];
 
@@ -21,18 +21,6 @@ const ROUGH: f64 = 1e-6;
 
 /// Normals closer to parallel than this do not tell the plane between them.
 const DISTINCT: f64 = 1e-3;
-
-/// Whether normals and sliding of contacts with friction lie in one plane.
-pub fn may_be(view: &View, contacts: &[u32]) -> bool {
-    Frames::of(Shaped::<0, 0>(view)).is_some_and(|frames| {
-        let axes = frames.normals_of_plane(contacts);
-        let within = |axis: &Axis| {
-            let mut contacts = contacts.iter();
-            contacts.all(|&contact| frames.place(contact, axis, true).is_some())
-        };
-        axes.iter().any(within)
-    })
-}
 
 /// Propose each plane that normals and sliding lie in.
 #[inline(always)]
