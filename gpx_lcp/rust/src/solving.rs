@@ -133,7 +133,12 @@ pub trait Stacked {
     fn free_motion(&self) -> Option<Cow<'_, FreeMotion>>;
 
     /// As presolve reads it.
-    fn view<'a>(&'a self, law: exact::Law, free: Option<&'a FreeMotion>) -> presolve::View<'a> {
+    fn view<'a>(
+        &'a self,
+        law: exact::Law,
+        free: Option<&'a FreeMotion>,
+        swept: bool,
+    ) -> presolve::View<'a> {
         let System {
             form,
             matrix,
@@ -155,6 +160,7 @@ pub trait Stacked {
             largest: presolve::largest(b),
             friction,
             law,
+            swept,
         }
     }
 }
@@ -280,7 +286,8 @@ pub fn solve(
     {
         let begun = Instant::now();
         let free = asked.free_motion();
-        let view = asked.view(law, free.as_deref());
+        let swept = matches!(effort.method, Method::Sweeps { .. });
+        let view = asked.view(law, free.as_deref(), swept);
         if let Some(reduced) = presolve::reduce(&view) {
             let mut answer = by_parts(&view, reduced, effort, &limits, start)?;
             answer.elapsed = begun.elapsed();

@@ -14,7 +14,7 @@ use super::{ROUNDING, Shaped, View};
 const ROUGH: f64 = 1e-6;
 
 /// Whether anything slides before the impulses where there is friction.
-fn slides(view: &View, contacts: &[u32]) -> bool {
+pub fn slides(view: &View, contacts: &[u32]) -> bool {
     let still = ROUNDING * view.largest;
     contacts.iter().any(|&contact| {
         let tangents = &view.target(contact)[1..];

@@ -100,6 +100,8 @@ pub struct View<'a> {
     pub largest: f64,
     pub friction: &'a [f64],
     pub law: Law,
+    /// Whether sweeps solve it, which need no tangents where there is no friction.
+    pub swept: bool,
 }
 
 impl<'a> View<'a> {

@@ -150,8 +150,9 @@ pub fn reduce(view: &View) -> Option<Reduced> {
         // Others like it are as soon done with.
         pieces.retain(|piece| {
             let closes = !inactive::nothing_closes(view, piece);
-            let stays = closes && piece.len() > 1 && stays_as_it_is(view, piece, &mut local);
+            let stays = closes && stays_as_it_is(view, piece, &mut local);
             if stays {
+                local.renumber(view, piece);
                 let part = Part::untouched(view, piece, &local);
                 summary.after.add(part.size());
                 parts.push(part);
@@ -224,7 +225,7 @@ pub fn reduce(view: &View) -> Option<Reduced> {
 }
 
 /// Whether no proposal for these contacts stands, as is soon seen of most that do not lie in a plane, before they are put in
-/// order. Numbers their bodies.
+/// order.
 fn stays_as_it_is(view: &View, contacts: &[u32], local: &mut LocalBodies) -> bool {
     // The same code each time, made for blocks of this size.
     match (view.rows, view.width) {
@@ -240,22 +241,32 @@ fn stays_sized<const R: usize, const D: usize>(
 ) -> bool {
     let by_bodies =
         |one: &u32, other: &u32| by_bodies(view.bodies_of(*one), view.bodies_of(*other));
+    let normals = view.swept && view.law == Law::Normal;
+    let has_friction = |&contact: &u32| view.has_friction(contact);
+    let all_rows = || view.law == Law::Coulomb && contacts.iter().all(has_friction);
     let may_stay = contacts.len() > 1
         && view.form == Form::Velocity
-        && view.law == Law::Coulomb
+        && (normals || all_rows())
         && view.width <= LARGEST
-        && contacts.iter().all(|&contact| view.has_friction(contact))
         && contacts.is_sorted_by(|one, other| by_bodies(one, other).is_le());
     if !may_stay {
         return false;
     }
-    local.renumber(&view, contacts);
     let runs = runs(&view, contacts);
-    let mut planar = planar::propose(view, contacts, &runs, local);
-    planar.next().is_none()
-        && collinear::propose(view, contacts, &runs, local).is_none()
-        && !translational::may_be(view, contacts, view.rows())
-        && !spatial::has_twins(&view, contacts)
+    let stays = if normals {
+        // Sweeps leave tangents out by themselves, and bodies that do not turn cost them little more than points.
+        runs.len() == contacts.len()
+    } else {
+        !translational::may_be(view, contacts, view.rows()) && !spatial::has_twins(&view, contacts)
+    };
+    if !stays || planar::may_be(view, contacts, &runs) {
+        return false;
+    }
+    if !normals && collinear::slides(&view, contacts) {
+        return true;
+    }
+    local.renumber(&view, contacts);
+    collinear::propose(view, contacts, &runs, local).is_none()
 }
 
 /// Where contacts that are sorted by bodies have those of the same bodies.
@@ -303,9 +314,12 @@ fn within_reach(
     local.renumber(view, &island);
     let whole = part_size(view, &island, local);
     let mut left = Size::default();
-    let mut waiting = vec![island];
+    let (mut waiting, mut numbered) = (vec![island], true);
     while let Some(mut contacts) = waiting.pop() {
-        local.renumber(view, &contacts);
+        if !numbered {
+            local.renumber(view, &contacts);
+        }
+        numbered = false;
         let before = contacts.len();
         reach.leave_out(&mut contacts, local);
         if contacts.len() == before {

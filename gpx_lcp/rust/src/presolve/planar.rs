@@ -22,6 +22,20 @@ const ROUGH: f64 = 1e-6;
 /// Normals closer to parallel than this do not tell the plane between them.
 const DISTINCT: f64 = 1e-3;
 
+/// Whether normals and sliding lie in one plane, and impulses in it can be balanced.
+#[inline(always)]
+pub fn may_be<const R: usize, const D: usize>(
+    view: Shaped<R, D>,
+    contacts: &[u32],
+    runs: &[std::ops::Range<usize>],
+) -> bool {
+    Frames::of(view).is_some_and(|frames| {
+        let axes = frames.normals_of_plane(contacts);
+        let balanced = |axis: &Axis| frames.gathered(contacts, runs, axis).is_some();
+        axes.iter().any(balanced)
+    })
+}
+
 /// Propose each plane that normals and sliding lie in.
 #[inline(always)]
 pub fn propose<const R: usize, const D: usize>(
@@ -103,8 +117,32 @@ impl<'a, const R: usize, const D: usize> Frames<'a, R, D> {
         local: &LocalBodies,
         axis: &Axis,
     ) -> Option<Proposal> {
-        let view = self.view;
-        let frictionless = !contacts.iter().any(|&contact| view.has_friction(contact));
+        let frictionless = self.is_frictionless(contacts);
+        let (groups, shares) = self.gathered(contacts, runs, axis)?;
+        let columns = self.velocities(contacts, &shares, &groups, local, axis, frictionless);
+        Some(Proposal {
+            model: Model::Planar,
+            rows: if frictionless { 1 } else { 2 },
+            groups,
+            shares,
+            columns,
+        })
+    }
+
+    fn is_frictionless(&self, contacts: &[u32]) -> bool {
+        !contacts
+            .iter()
+            .any(|&contact| self.view.has_friction(contact))
+    }
+
+    /// The contacts that lie beside each other along the axis, weighed; None where they cannot be.
+    fn gathered(
+        &self,
+        contacts: &[u32],
+        runs: &[std::ops::Range<usize>],
+        axis: &Axis,
+    ) -> Option<(Groups, Vec<Share>)> {
+        let frictionless = self.is_frictionless(contacts);
         let mut shares: Vec<Share> = Vec::with_capacity(contacts.len());
         let mut groups = Groups::with_capacity(contacts.len());
         let mut places: Vec<Place> = Vec::new();
@@ -135,14 +173,7 @@ impl<'a, const R: usize, const D: usize> Frames<'a, R, D> {
                 balance(shares, &places, groups.end(), run.start)?;
             }
         }
-        let columns = self.velocities(contacts, &shares, &groups, local, axis, frictionless);
-        Some(Proposal {
-            model: Model::Planar,
-            rows: if frictionless { 1 } else { 2 },
-            groups,
-            shares,
-            columns,
-        })
+        Some((groups, shares))
     }
 
     /// Where a contact is, seen along the axis; None where its normal is not in the plane, or it slides out of it.

@@ -150,13 +150,13 @@ impl System {
 
     /// What presolve would do under one of the laws "normal", "cone" and "coulomb".
     fn presolve(&self, law: &str) -> PyResult<PresolveSummary> {
-        let view = self.view(law_named(law)?, self.free.as_ref());
+        let view = self.view(law_named(law)?, self.free.as_ref(), false);
         Ok(presolve_summary(&presolve::summary(&view)))
     }
 
     /// The contacts of each island, which no impulse of another one moves.
     fn islands<'py>(&self, py: Python<'py>) -> Vec<Bound<'py, PyArray1<u32>>> {
-        let islands = presolve::all_islands(&self.view(Law::Coulomb, None));
+        let islands = presolve::all_islands(&self.view(Law::Coulomb, None, false));
         let array = |contacts: Vec<u32>| contacts.into_pyarray(py);
         islands.into_iter().map(array).collect()
     }
