@@ -254,10 +254,12 @@ fn stays_sized<const R: usize, const D: usize>(
     }
     let runs = runs(&view, contacts);
     let stays = if normals {
-        // Sweeps leave tangents out by themselves, and bodies that do not turn cost them little more than points.
-        runs.len() == contacts.len()
+        // Sweeps leave tangents out by themselves, and bodies that do not turn cost them little more than points. Of three
+        // contacts, none is within the hull of the others, unless they lie in line.
+        runs.iter().all(|run| run.len() <= 3) && !spatial::has_twins(view, contacts, 1)
     } else {
-        !translational::may_be(view, contacts, view.rows()) && !spatial::has_twins(&view, contacts)
+        !translational::may_be(view, contacts, view.rows())
+            && !spatial::has_twins(view, contacts, view.rows())
     };
     if !stays || planar::may_be(view, contacts, &runs) {
         return false;

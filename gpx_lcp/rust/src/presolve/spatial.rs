@@ -4,8 +4,8 @@
 //! * Duplicates, contacts between the same bodies with the same rows of Ĵ, the same B and the same friction, see the same
 //!   velocity whatever happens: C_i = I and equal weights satisfy (a) to (c). The impulse comes back in equal parts.
 
+use super::Shaped;
 use super::lift::{Columns, Groups, LARGEST, Model, Proposal, Share};
-use super::{Shaped, View};
 
 /// Propose the rows that matter, and one contact for each set of duplicates.
 pub fn propose<const R: usize, const D: usize>(
@@ -50,12 +50,17 @@ pub fn propose<const R: usize, const D: usize>(
     }
 }
 
-/// Whether two of these contacts, sorted by bodies, are the same.
-pub fn has_twins(view: &View, contacts: &[u32]) -> bool {
+/// Whether the first rows of two of these contacts, sorted by bodies, are the same.
+#[inline(always)]
+pub fn has_twins<const R: usize, const D: usize>(
+    view: Shaped<R, D>,
+    contacts: &[u32],
+    rows: usize,
+) -> bool {
     view.by_pairs(contacts).any(|run| {
         let same = |(at, &one): (usize, &u32)| {
             let mut before = run[..at].iter();
-            before.any(|&other| same_rows(Shaped::<0, 0>(view), view.rows, one, other))
+            before.any(|&other| same_rows(view, rows, one, other))
         };
         run.iter().enumerate().any(same)
     })
