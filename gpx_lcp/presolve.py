@@ -46,8 +46,9 @@ Of a system given by A alone islands, inactive contacts, rows without friction a
 no velocities to count. Not reduced: contacts with friction that others keep open by Coulomb's law, where the load moves
 the friction with it.
 
-`newton`, `interior_point` and `pgs` do this, each part to its share of the tolerance. A system is not taken apart for
-less than a twentieth of its contacts. The programs over polygons, "box" and "pyramid", have axes of their own in the
+`newton` and `interior_point` do this, each part to its share of the tolerance, and so does `pgs`, until all parts are
+within that of the whole; without friction it sweeps points and balls as they are. A system is not taken apart for less
+than a twentieth of its contacts. The programs over polygons, "box" and "pyramid", have axes of their own in the
 tangent plane, which reductions would turn: they are swept as they are. `lemke` solves islands apart, as each pivot
 takes time by all unknowns, small ones together. Other solvers take the system as it is.
 """

@@ -51,10 +51,11 @@ MAX_SWEEPS: Final = 10_000
 def run(request: Request) -> Outcome:
     """Sweep until the residual of the program is within the tolerance.
 
-    A warm start whose residual is within the tolerance costs no sweep. Each part that presolve leaves has its own
-    residual, evaluated at its start and every ten sweeps; `iterations` are the most sweeps of any part, and `history`
-    is that of the only part, or the residual of all together in the end. STALLED means that three thousand sweeps have
-    not lowered it by one part in 10⁴. Impulses outside the law's own polygon are first brought to it, keeping their
+    A warm start whose residual is within the tolerance costs no sweep. The residual is evaluated at the start and every
+    ten sweeps. Parts that presolve leaves are swept together where they have one shape, until all of them leave no more
+    than the whole may; `iterations` are the most sweeps of any part, and `history` is that of the only part, or the
+    residual of all together in the end. STALLED means that three thousand sweeps have not lowered it by one part in
+    10⁴. Impulses outside the law's own polygon are first brought to it, keeping their
     normal part.
 
     Raises
