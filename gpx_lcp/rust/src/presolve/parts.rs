@@ -15,6 +15,8 @@ use super::{
 const WORTH_A_THREAD: usize = 64;
 /// A system is taken apart for this part of its contacts, one in so many.
 const WORTH_TAKING: usize = 20;
+/// Where nothing slides, something can be taken as a rule, and more contacts than that are not looked at twice.
+const FEW: usize = 64;
 /// Parts of fewer contacts are solved together,
 const SMALL: usize = 32;
 /// until so many have come together.
@@ -252,23 +254,28 @@ fn stays_sized<const R: usize, const D: usize>(
     if !may_stay {
         return false;
     }
+    let slides = !normals && collinear::slides(&view, contacts);
+    if !slides && !normals && contacts.len() > FEW {
+        return false;
+    }
     let runs = runs(&view, contacts);
-    let stays = if normals {
+    if planar::may_be(view, contacts, &runs) {
+        return false;
+    }
+    if !slides {
+        local.renumber(&view, contacts);
+        if collinear::propose(view, contacts, &runs, local).is_some() {
+            return false;
+        }
+    }
+    if normals {
         // Sweeps leave tangents out by themselves, and bodies that do not turn cost them little more than points. Of three
         // contacts, none is within the hull of the others, unless they lie in line.
         runs.iter().all(|run| run.len() <= 3) && !spatial::has_twins(view, contacts, 1)
     } else {
         !translational::may_be(view, contacts, view.rows())
             && !spatial::has_twins(view, contacts, view.rows())
-    };
-    if !stays || planar::may_be(view, contacts, &runs) {
-        return false;
     }
-    if !normals && collinear::slides(&view, contacts) {
-        return true;
-    }
-    local.renumber(&view, contacts);
-    collinear::propose(view, contacts, &runs, local).is_none()
 }
 
 /// Where contacts that are sorted by bodies have those of the same bodies.

@@ -141,6 +141,7 @@ impl<'a, const R: usize, const D: usize> Frames<'a, R, D> {
     }
 
     /// The contacts that lie beside each other along the axis, weighed; None where they cannot be.
+    #[inline(always)]
     fn gathered(
         &self,
         contacts: &[u32],
