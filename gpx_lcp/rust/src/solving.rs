@@ -214,22 +214,15 @@ pub fn scale_of(form: Form, matrix: &BlockMatrix) -> Vec<f64> {
     diagonal.into_iter().map(largest).collect()
 }
 
-impl Stack {
-    /// With `b` in the place of B.
-    pub fn system_with<'a>(&'a self, b: &'a [f64]) -> System<'a> {
+impl Stacked for Stack {
+    fn system(&self) -> System<'_> {
         System {
             form: Form::Velocity,
             matrix: &self.whitened,
-            b,
+            b: &self.b,
             friction: &self.friction,
             scale: &self.scale,
         }
-    }
-}
-
-impl Stacked for Stack {
-    fn system(&self) -> System<'_> {
-        self.system_with(&self.b)
     }
 
     fn jacobian(&self) -> Option<&[f64]> {

@@ -88,16 +88,14 @@ impl Stack {
     pub fn velocity_change(&self, impulse: &[f64], change: &mut Vec<Twist>) {
         let mut states = Vec::new();
         self.whitened.gather_compensated(impulse, &mut states);
-        let twist = |(root, state): (&MassRoot, &[f64])| Twist {
-            linear: Vector::from_slice(&state[..3]) * root.linear,
-            angular: match state.get(3..6) {
-                Some(state) => root.angular * Vector::from_slice(state),
-                None => Vector::ZERO,
-            },
-        };
         let states = states.chunks_exact(self.layout.columns);
         change.clear();
-        change.extend(self.roots.iter().zip(states).map(twist));
+        change.extend(
+            self.roots
+                .iter()
+                .zip(states)
+                .map(|(root, state)| root.twist(state)),
+        );
     }
 
     /// The contact velocities u = A p - B after the impulses, rows per contact.
@@ -119,6 +117,17 @@ impl Stack {
 }
 
 impl MassRoot {
+    /// The velocities L w of a state w of the body, of three entries or six.
+    pub fn twist(&self, state: &[f64]) -> Twist {
+        Twist {
+            linear: Vector::from_slice(&state[..3]) * self.linear,
+            angular: match state.get(3..6) {
+                Some(state) => self.angular * Vector::from_slice(state),
+                None => Vector::ZERO,
+            },
+        }
+    }
+
     /// M⁻¹ = L Lᵀ, world frame, as a block of columns × columns.
     pub fn inverse_mass(&self, columns: usize) -> [f64; 36] {
         let mut block = [0.0; 36];

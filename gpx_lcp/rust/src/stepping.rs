@@ -183,8 +183,7 @@ pub fn moved(
     }
     let (poses, free, after) = (&state.poses, &stack.free, &next.velocities);
     let mut motion = mean_motion(bodies, contacts, state, forces, free, after, *time_step);
-    let effort = world.efforts.as_ref().map(|efforts| efforts.of(stack));
-    let shift = position_shift(bodies, contacts, stack, poses, &motion, *time_step, effort);
+    let shift = position_shift(bodies, contacts, stack, poses, &motion, *time_step);
     for (velocity, shift) in motion.iter_mut().zip(shift.iter().flatten()) {
         *velocity += *shift;
     }
