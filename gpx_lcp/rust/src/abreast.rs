@@ -125,7 +125,7 @@ pub struct Abreast<'a, const R: usize, const D: usize, L: Law<R>> {
     /// Batches of one colour in pieces, one colour after the other.
     colours: Vec<Vec<Range<usize>>>,
     states: Vec<State>,
-    /// w = Ĵᵀ x.
+    /// w = Ĵᵀ x; empty before the first sweep with momentum, as `before`.
     states_before: Vec<State>,
     /// Numbers that each batch is asked for, so that their sum does not depend on who found them.
     numbers: Vec<Oct>,
@@ -137,8 +137,11 @@ pub struct Abreast<'a, const R: usize, const D: usize, L: Law<R>> {
 #[derive(Clone, Copy)]
 enum Task {
     /// Take the steps from y = p + β (p - x), and find d (p' - y)·(p' - p), p' being where they lead.
-    Sweep { relaxation: f64, momentum: f64 },
-    /// Add Ĵᵀ p to the states, and Ĵᵀ x to those before.
+    Sweep {
+        relaxation: f64,
+        momentum: Option<f64>,
+    },
+    /// Add Ĵᵀ p to the states, and Ĵᵀ x to those before, where there are any.
     Gather,
     /// Find the squares of the natural map.
     Judge,
@@ -156,8 +159,10 @@ struct Work<'a, const R: usize, const D: usize, L: Law<R>> {
     visits: *mut Contact<Oct, R>,
     locals: *mut L::Local,
     states: *mut State,
-    states_before: *mut State,
     numbers: *mut Oct,
+    /// Whether x and its states are kept.
+    keeps: bool,
+    states_before: *mut State,
     before: *mut [Oct; R],
 }
 
@@ -229,9 +234,7 @@ impl<'a, const R: usize, const D: usize, L: Law<R>> Abreast<'a, R, D, L> {
         }
         self.locals.resize_with(LANES * visits, L::Local::default);
         self.states.resize(states, State::default());
-        self.states_before.resize(states, State::default());
         self.numbers.resize(self.batches.len(), Oct::default());
-        self.before = self.visits.iter().map(|visit| visit.impulse).collect();
     }
 
     fn perform(&mut self, task: Task, team: &Team) {
@@ -245,8 +248,9 @@ impl<'a, const R: usize, const D: usize, L: Law<R>> Abreast<'a, R, D, L> {
             visits: self.visits.as_mut_ptr(),
             locals: self.locals.as_mut_ptr(),
             states: self.states.as_mut_ptr(),
-            states_before: self.states_before.as_mut_ptr(),
             numbers: self.numbers.as_mut_ptr(),
+            keeps: !self.before.is_empty(),
+            states_before: self.states_before.as_mut_ptr(),
             before: self.before.as_mut_ptr(),
         };
         if let Task::Carry { .. } = task {
@@ -322,53 +326,80 @@ impl<const R: usize, const D: usize, L: Law<R>> Work<'_, R, D, L> {
     }
 
     #[inline(always)]
-    fn visit<V: EightLanes>(&self, number: usize, batch: &Batch, relaxation: f64, momentum: f64) {
+    fn visit<V: EightLanes>(
+        &self,
+        number: usize,
+        batch: &Batch,
+        relaxation: f64,
+        momentum: Option<f64>,
+    ) {
         let mut states = self.load::<V>(self.states, batch);
         let mut agreement = V::splat(0.0);
         for at in batch.visits.clone() {
             // SAFETY: visits, locals and `before` of this batch are this thread's, and so is its number.
-            let (visit, before) = unsafe { (&mut *self.visits.add(at), &mut *self.before.add(at)) };
+            let visit = unsafe { &mut *self.visits.add(at) };
             let locals =
                 unsafe { std::slice::from_raw_parts_mut(self.locals.add(LANES * at), LANES) };
             let velocity = self.velocity(at, visit, &states);
             let last = visit.impulse;
-            for r in 0..R {
-                let (p, x) = (V::load(&last[r]), V::load(&before[r]));
-                p.plus_product(V::splat(momentum), p - x)
-                    .store(&mut visit.impulse[r]);
+            if let Some(beta) = momentum {
+                let before = unsafe { &mut *self.before.add(at) };
+                for r in 0..R {
+                    let (p, x) = (V::load(&last[r]), V::load(&before[r]));
+                    p.plus_product(V::splat(beta), p - x)
+                        .store(&mut visit.impulse[r]);
+                }
+                *before = last;
             }
-            *before = last;
             let change = visit.visit::<L, V>(self.law, locals, &velocity, relaxation);
             self.add(at, &change, &mut states);
-            let mut sum = V::splat(0.0);
-            for r in 0..R {
-                let way = V::load(&visit.impulse[r]) - V::load(&last[r]);
-                sum = sum.plus_product(change[r], way);
+            if momentum.is_some() {
+                let mut sum = V::splat(0.0);
+                for r in 0..R {
+                    let way = V::load(&visit.impulse[r]) - V::load(&last[r]);
+                    sum = sum.plus_product(change[r], way);
+                }
+                agreement = agreement.plus_product(V::load(&visit.scale), sum);
             }
-            agreement = agreement.plus_product(V::load(&visit.scale), sum);
         }
         self.store(self.states, batch, &states);
-        agreement.store(unsafe { &mut *self.numbers.add(number) });
+        if momentum.is_some() {
+            agreement.store(unsafe { &mut *self.numbers.add(number) });
+        }
     }
 
     #[inline(always)]
     fn gather<V: EightLanes>(&self, batch: &Batch) {
-        let mut states = self.load::<V>(self.states, batch);
-        let mut states_before = self.load::<V>(self.states_before, batch);
-        for at in batch.visits.clone() {
+        // SAFETY: the visits of this batch are this thread's.
+        self.gather_of::<V>(batch, self.states, |at| unsafe {
+            &(*self.visits.add(at)).impulse
+        });
+        if self.keeps {
             // SAFETY: as above.
-            let (visit, before) = unsafe { (&*self.visits.add(at), &*self.before.add(at)) };
-            let mut impulse = [V::splat(0.0); R];
-            let mut impulse_before = impulse;
-            for r in 0..R {
-                impulse[r] = V::load(&visit.impulse[r]);
-                impulse_before[r] = V::load(&before[r]);
-            }
-            self.add(at, &impulse, &mut states);
-            self.add(at, &impulse_before, &mut states_before);
+            self.gather_of::<V>(batch, self.states_before, |at| unsafe {
+                &*self.before.add(at)
+            });
         }
-        self.store(self.states, batch, &states);
-        self.store(self.states_before, batch, &states_before);
+    }
+
+    /// Add Ĵᵀ times some impulses, by visit, to some states.
+    #[inline(always)]
+    fn gather_of<'s, V: EightLanes>(
+        &'s self,
+        batch: &Batch,
+        states: *mut State,
+        impulse: impl Fn(usize) -> &'s [Oct; R],
+    ) {
+        let mut sums = self.load::<V>(states, batch);
+        for at in batch.visits.clone() {
+            let memory = impulse(at);
+            let mut impulse = [V::splat(0.0); R];
+            for r in 0..R {
+                impulse[r] = V::load(&memory[r]);
+            }
+            self.add(at, &impulse, &mut sums);
+        }
+        self.store(states, batch, &sums);
     }
 
     #[inline(always)]
@@ -508,16 +539,20 @@ impl<const R: usize, const D: usize, L: Law<R>> Work<'_, R, D, L> {
 }
 
 impl<const R: usize, const D: usize, L: Law<R>> Sweeper<R> for Abreast<'_, R, D, L> {
-    fn sweep(&mut self, team: &Team, relaxation: f64, momentum: f64) -> f64 {
-        self.perform(Task::Carry { beta: momentum }, team);
-        self.perform(
-            Task::Sweep {
-                relaxation,
-                momentum,
-            },
-            team,
-        );
-        self.sum()
+    fn sweep(&mut self, team: &Team, relaxation: f64, momentum: Option<f64>) -> f64 {
+        if let Some(beta) = momentum {
+            if self.before.is_empty() {
+                self.before = self.visits.iter().map(|visit| visit.impulse).collect();
+                self.states_before.clone_from(&self.states);
+            }
+            self.perform(Task::Carry { beta }, team);
+        }
+        let task = Task::Sweep {
+            relaxation,
+            momentum,
+        };
+        self.perform(task, team);
+        if momentum.is_some() { self.sum() } else { 0.0 }
     }
 
     fn residual(&mut self, team: &Team) -> f64 {

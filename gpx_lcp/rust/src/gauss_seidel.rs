@@ -192,11 +192,10 @@ fn iterate<const R: usize>(
                 break Stop::Interrupted;
             }
         }
-        let beta = if settings.acceleration && sweeps > 0 {
-            momentum.beta(agreement)
-        } else {
-            0.0
-        };
+        let beta = settings.acceleration.then(|| match sweeps {
+            0 => 0.0,
+            _ => momentum.beta(agreement),
+        });
         agreement = sweeper.sweep(team, settings.relaxation, beta);
         sweeps += 1;
     };
