@@ -1,16 +1,25 @@
 """The suite `kernels`: what the inner loops cost, against what this machine's memory and arithmetic allow.
 
-    bound = max(bytes / bandwidth, operations / arithmetic)
+    bound = max(bytes / bandwidth, operations / arithmetic, divisions / rate of division)
 
 Bandwidth is that of numpy's a ← s c, a ← a + b on arrays that are together as large as what a kernel goes through, so
-that they lie in the same caches, or in none; arithmetic that of a product of matrices. Both are what a program gets on
-one thread, not what a data sheet says.
+that they lie in the same caches, or in none; arithmetic that of a product of matrices, and division that of numpy's in
+the second-level cache. All are what a program gets on one thread, not what a data sheet says.
 
-A sweep over contacts that stick reads for each contact two blocks of Ĵ (3 × 6), half of which the contacts of a patch
-share, four in these scenes, and 13 numbers of the contact itself (impulse, B, half of the inverse of A_ii, μ), and
-writes the impulse back. The states of two bodies, a line of the cache each, are read and written once for the patch. It
-multiplies and adds for Ĵ w and Ĵᵀ dp; the law at the contact comes on top and is not counted, nor what sliding contacts
-read besides, so that the bound is one from below.
+What a sweep has to do for a contact depends on what the contact does; the answer of the sweeps tells how many there are
+of each kind. The states of two bodies, a line of the cache each, are read and written once for the contacts of a patch,
+four in these scenes, which also share half of Ĵ.
+
+* One that is open, p = 0, needs no more than to be found open: u_n ≥ 0, from the normal rows of two blocks of Ĵ (3 × 6)
+  and B_n.
+* One that sticks reads all three rows, and 13 numbers of the contact itself (impulse, B, half of the inverse of A_ii,
+  μ), and writes the impulse back. It multiplies and adds for Ĵ w and Ĵᵀ dp, for dp = -A_ii⁻¹ u and for the cone.
+* One that slides, by Coulomb's law, finds out that it does not stick, and reads the half of A_ii and the direction it
+  slid in last, which it writes back. b = u - A_ii p, one Newton step on the direction (`heading.rs`) and the ray it
+  leads to: two divisions, for neither can wait for the other, and no root. Without friction on a cone (the box) what
+  slides is counted as what sticks.
+
+None waits for another in this count, so that the bound is one from below.
 """
 
 from __future__ import annotations
@@ -47,15 +56,23 @@ TIME_LIMIT, QUICK_TIME_LIMIT = 30.0, 5.0
 
 NUMBER: Final = 8
 LINE: Final = 64
+# Multiplications and additions of one Newton step on the direction of a slide, by Coulomb's law, without its checks.
+SLIDE_OPERATIONS: Final = 73
 SHARED: Final = 4
 # Of one contact and sweep; see above.
-SWEEP_BYTES: Final = 2 * 3 * 3 * NUMBER * (1 + 1 / SHARED) + (13 + 3) * NUMBER + 2 * 2 * LINE / SHARED
-SWEEP_OPERATIONS: Final = 2 * 2 * (2 * 3 * 6)
+STATE_BYTES: Final = 2 * 2 * LINE / SHARED
+BLOCK_BYTES: Final = 2 * 3 * 3 * NUMBER * (1 + 1 / SHARED)
+# Open, sticking, and what sliding needs more.
+SWEEP_BYTES: Final = (BLOCK_BYTES / 3 + 2 * NUMBER, BLOCK_BYTES + (13 + 3) * NUMBER, (6 + 2 + 2) * NUMBER)
+# Sticking: Ĵ w, Ĵᵀ dp, A_ii⁻¹ u, p + dp, the cone. Sliding: A_ii p; the step itself, as `heading.rs` has it.
+SWEEP_OPERATIONS: Final = (2 * 2 * 6, 2 * 2 * (2 * 3 * 6) + 2 * 3 * 3 + 3 + 4, 2 * 3 * 3 + SLIDE_OPERATIONS)
+SWEEP_DIVISIONS: Final = (0, 0, 2)
 # What the machine's own lines in the table go through, bytes: within the second-level cache of any machine of today,
 # and beyond the last. In fewer bytes than the first, calls of numpy would be measured.
 IN_CACHE, IN_MEMORY = 200_000, 200_000_000
 ARRAYS, TRIAD_BYTES = 3, 5 * NUMBER
 MATRIX = 384
+MACHINE_UNITS: Final = {"arithmetic": "G operations/s", "division": "G divisions/s"}
 
 
 @dataclass(frozen=True)
@@ -82,8 +99,16 @@ def _sweep(scene: gpx.Scene, title: str, formulation: str, quick: bool = True) -
         (rate,) = measure_rates(
             title, scene, engines, stacks.TIME_STEP, 1, lambda each: each.formulation == formulation, lambda text: None
         )
-        figures = {"bytes": SWEEP_BYTES, "operations": SWEEP_OPERATIONS, "count": rate.contacts}
-        extent = max(IN_CACHE, int(rate.contacts * SWEEP_BYTES))
+        slides = rate.sliding if formulation == "coulomb" else 0.0
+
+        def mean(kinds: Sequence[float]) -> float:
+            is_open, sticks, more = kinds
+            return rate.open * is_open + (1.0 - rate.open) * sticks + slides * more
+
+        moved = STATE_BYTES + mean(SWEEP_BYTES)
+        work = {"operations": mean(SWEEP_OPERATIONS), "divisions": mean(SWEEP_DIVISIONS)}
+        figures = {"bytes": moved, **work, "open": rate.open, "sliding": rate.sliding, "count": rate.contacts}
+        extent = max(IN_CACHE, int(rate.contacts * moved))
         return 1e-9 * rate.median, {**figures, "byte_seconds": byte_seconds(extent)}
 
     return Kernel(f"Sweep, {formulation}, {title}", "pgs", formulation, "contact", measure, quick)
@@ -145,10 +170,25 @@ def _matrix_product() -> Kernel:
     return Kernel("Product of matrices", MACHINE, "", "operation", measure)
 
 
+def _division() -> Kernel:
+    def measure() -> tuple[float, dict[str, Figure]]:
+        size = IN_CACHE // (ARRAYS * NUMBER)
+        a, b, out = np.ones(size), np.full(size, 3.0), np.empty(size)
+        seconds = []
+        for _ in range(100):
+            tick = time.perf_counter()
+            np.divide(a, b, out=out)
+            seconds.append(time.perf_counter() - tick)
+        return min(seconds) / size, {"count": size}
+
+    return Kernel("Division", MACHINE, "", "division", measure)
+
+
 KERNELS: Mapping[str, Kernel] = {
     "cache": _bandwidth(IN_CACHE, "Second-level cache"),
     "memory": _bandwidth(IN_MEMORY, "Memory"),
     "arithmetic": _matrix_product(),
+    "division": _division(),
     "sweep-tower-30": _sweep(gpx.scenes.tower(30), "tower of 30", "coulomb"),
     "sweep-wall-10": _sweep(gpx.scenes.wall(10), "wall of 10 rows", "coulomb"),
     "sweep-box-wall-10": _sweep(gpx.scenes.wall(10), "wall of 10 rows", "box"),
@@ -191,8 +231,8 @@ class Kernels:
     summary = "what inner loops cost, against this machine's memory and arithmetic"
     not_shown = (
         "What this does not show: two threads; other machines, whose caches are larger or smaller. Bounds count what a "
-        "sweep must at least move and multiply, not the law at each contact, nor what waiting for one contact before "
-        "the next costs."
+        "sweep must at least move, multiply and divide, not what waiting for one contact before the next costs, nor "
+        "that contacts that go abreast wait for the one that has most to do."
     )
 
     def add_arguments(self, parser: argparse.ArgumentParser) -> None:
@@ -231,7 +271,7 @@ class Kernels:
         machine.add_column("")
         machine.add_column("", justify="right")
         for name, seconds in rates.items():
-            unit = "G operations/s" if name == "arithmetic" else "GB/s"
+            unit = MACHINE_UNITS.get(name, "GB/s")
             machine.add_row(KERNELS[name].title, f"{1e-9 / seconds:.1f} {unit}")
         table = new_table("Inner loops, ns per unit")
         table.add_column("kernel")
@@ -269,12 +309,24 @@ def _rates(records: Sequence[Record]) -> dict[str, float]:
 def bound(row: Record, rates: Mapping[str, float]) -> tuple[float, str] | None:
     """Return the least ns per unit that the machine allows, and what binds; None where nothing was counted.
 
-    `rates` has the seconds per operation of "arithmetic"; the seconds per byte are the row's own.
+    `rates` has the seconds per operation of "arithmetic" and per "division"; the seconds per byte are the row's own.
     """
-    moved, operations, each = (row.figure(name) for name in ("bytes", "operations", "byte_seconds"))
-    if moved is None or operations is None or each is None or "arithmetic" not in rates:
+    moved, operations, divisions, each = (
+        row.figure(name) for name in ("bytes", "operations", "divisions", "byte_seconds")
+    )
+    if (
+        moved is None
+        or operations is None
+        or divisions is None
+        or each is None
+        or not MACHINE_UNITS.keys() <= rates.keys()
+    ):
         return None
-    times = {"memory": moved * each, "arithmetic": operations * rates["arithmetic"]}
+    times = {
+        "memory": moved * each,
+        "arithmetic": operations * rates["arithmetic"],
+        "division": divisions * rates["division"],
+    }
     binds = max(times, key=lambda name: times[name])
     return 1e9 * times[binds], binds
 
