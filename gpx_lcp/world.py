@@ -81,8 +81,9 @@ class World(Population):
     * Contacts have one row instead of three where no material of the scene has friction, and bodies three velocities
       instead of six where none of them rotates.
     * Overlap beyond 1e-4 of the smaller body's bounding radius is taken out by a fifth per step through a projection
-      of the positions, min ½ ΔxᵀMΔx over J_n Δx ≥ what is asked of each contact. It never enters the velocities: a
-      velocity term (Baumgarte) would throw a cube that overlaps by 1 cm up with 0.48 m/s at 240 steps a second.
+      of the positions, min ½ ΔxᵀWMΔx over J_n Δx ≥ what is asked of each contact, W a third from each level of a stack
+      to the next, so that what stands on others gives way. It never enters the velocities: a velocity term (Baumgarte)
+      would throw a cube that overlaps by 1 cm up with 0.48 m/s at 240 steps a second.
     * Positions change by dt (v + v⁺)/2: parabolas are exact, and a block thrown over the ground stops where it should.
       Bodies that are stopped at a surface in this step, or that `forces` act on, and all that they touch, move by
       dt v⁺ instead: the mean would take the former into the surface and let springs gain energy.
