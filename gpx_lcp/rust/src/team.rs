@@ -80,6 +80,11 @@ impl Team<'_, '_> {
         })
     }
 
+    /// Whether there is no other thread to share work with.
+    pub fn is_alone(&self) -> bool {
+        self.scope.is_none()
+    }
+
     /// Call `task` once with each part, in any order and by any thread, and wait until all are done.
     pub fn each<T: Send>(&self, parts: &mut [T], task: impl Fn(&mut T) + Sync) {
         let first = Parts(parts.as_mut_ptr());

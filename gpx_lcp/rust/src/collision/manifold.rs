@@ -1,11 +1,13 @@
 //! Contact points between two shapes: all of a patch that may touch within the step, sharing one normal.
 
-use parry3d_f64::math::{Pose, Vector};
+use parry3d_f64::math::{Matrix, Pose, Vector};
 use parry3d_f64::shape::SupportMap;
 use smallvec::smallvec;
 
 use super::separation::{Origin, separation};
-use super::solid::{Convex, Core, Feature, FeatureId, Few, Polytope, Solid, edge_id};
+use super::solid::{
+    Convex, Core, Face, Feature, FeatureId, Few, Polytope, Solid, edge_id, face_id,
+};
 
 /// Points of one patch closer than this share of the shapes' size are one point.
 const MERGE: f64 = 1e-6;
@@ -22,47 +24,47 @@ pub struct Point {
     pub features: [FeatureId; 2],
 }
 
-/// The contact points of two shapes and their common unit normal from a to b, world frame; None where they are further
-/// apart than `prediction`. Two half-spaces never touch: neither moves.
+/// Put the contact points of two shapes into `points`, and return their common unit normal from a to b, world frame; None
+/// where the shapes are further apart than `prediction`. Two half-spaces never touch: neither moves.
 pub fn manifold(
     a: &Solid,
     pose_a: &Pose,
     b: &Solid,
     pose_b: &Pose,
     prediction: f64,
-) -> Option<(Vector, Few<Point>)> {
+    points: &mut Few<Point>,
+) -> Option<Vector> {
+    points.clear();
     match (a, b) {
         (Solid::Sphere { radius: ra }, Solid::Sphere { radius: rb }) => {
             let between = pose_b.translation - pose_a.translation;
+            let distance = between.length();
             let normal = between.normalize_or(Vector::Z);
             let on_a = pose_a.translation + normal * *ra;
-            one_point(normal, on_a, between.length() - ra - rb, [0, 0], prediction)
+            one_point(normal, on_a, distance - ra - rb, prediction, points)
         }
         (Solid::HalfSpace { normal }, Solid::Sphere { radius }) => {
             let normal = pose_a.rotation * *normal;
             let gap = (pose_b.translation - pose_a.translation).dot(normal) - radius;
-            one_point(
-                normal,
-                pose_b.translation - normal * (radius + gap),
-                gap,
-                [0, 0],
-                prediction,
-            )
+            let on_a = pose_b.translation - normal * (radius + gap);
+            one_point(normal, on_a, gap, prediction, points)
         }
         (Solid::HalfSpace { normal }, Solid::Convex(convex)) => {
-            half_space_convex(*normal, pose_a, convex, pose_b, prediction)
+            half_space_convex(*normal, pose_a, convex, pose_b, prediction, points)
         }
         (Solid::Convex(convex), Solid::Sphere { radius }) => {
-            convex_sphere(convex, pose_a, *radius, pose_b, prediction)
+            convex_sphere(convex, pose_a, *radius, pose_b, prediction, points)
         }
-        (Solid::Convex(ca), Solid::Convex(cb)) => convex_convex(ca, pose_a, cb, pose_b, prediction),
+        (Solid::Convex(ca), Solid::Convex(cb)) => {
+            convex_convex(ca, pose_a, cb, pose_b, prediction, points)
+        }
         (Solid::HalfSpace { .. }, Solid::HalfSpace { .. }) => None,
         (Solid::Sphere { .. } | Solid::Convex(_), _) => {
-            let (normal, mut points) = manifold(b, pose_b, a, pose_a, prediction)?;
-            for point in &mut points {
+            let normal = manifold(b, pose_b, a, pose_a, prediction, points)?;
+            for point in points {
                 point.features.swap(0, 1);
             }
-            Some((-normal, points))
+            Some(-normal)
         }
     }
 }
@@ -71,17 +73,16 @@ fn one_point(
     normal: Vector,
     on_a: Vector,
     gap: f64,
-    features: [FeatureId; 2],
     prediction: f64,
-) -> Option<(Vector, Few<Point>)> {
+    points: &mut Few<Point>,
+) -> Option<Vector> {
     (gap <= prediction).then(|| {
-        let position = on_a + normal * (0.5 * gap);
-        let point = Point {
-            position,
+        points.push(Point {
+            position: on_a + normal * (0.5 * gap),
             gap,
-            features,
-        };
-        (normal, smallvec![point])
+            features: [0, 0],
+        });
+        normal
     })
 }
 
@@ -91,26 +92,26 @@ fn half_space_convex(
     convex: &Convex,
     pose_b: &Pose,
     prediction: f64,
-) -> Option<(Vector, Few<Point>)> {
+    points: &mut Few<Point>,
+) -> Option<Vector> {
     let normal = pose_a.rotation * normal;
     let height = (pose_b.translation - pose_a.translation).dot(normal);
     if height - convex.bound > prediction {
         return None;
     }
     let feature = convex.feature(pose_b.rotation.inverse() * -normal);
-    let corners = feature.points.iter().zip(&feature.ids);
-    let points: Few<Point> = corners
-        .filter_map(|(&corner, &id)| {
-            let surface = pose_b.transform_point(corner) - normal * convex.border;
-            let gap = (surface - pose_a.translation).dot(normal);
-            (gap <= prediction).then(|| Point {
+    for (&corner, &id) in feature.points.iter().zip(&feature.ids) {
+        let surface = pose_b.transform_point(corner) - normal * convex.border;
+        let gap = (surface - pose_a.translation).dot(normal);
+        if gap <= prediction {
+            points.push(Point {
                 position: surface - normal * (0.5 * gap),
                 gap,
                 features: [0, id],
-            })
-        })
-        .collect();
-    (!points.is_empty()).then_some((normal, points))
+            });
+        }
+    }
+    (!points.is_empty()).then_some(normal)
 }
 
 fn convex_sphere(
@@ -119,7 +120,8 @@ fn convex_sphere(
     radius: f64,
     pose_b: &Pose,
     prediction: f64,
-) -> Option<(Vector, Few<Point>)> {
+    points: &mut Few<Point>,
+) -> Option<Vector> {
     let centre = pose_a.inverse_transform_point(pose_b.translation);
     let (surface, inside) = convex.nearest(centre);
     let outward = if inside {
@@ -134,14 +136,13 @@ fn convex_sphere(
         outward / distance
     } else {
         let depth = |n: &Vector| (centre - convex.core.local_support_point(*n)).dot(*n);
-        let nearest = convex
-            .face_normals()
-            .max_by(|m, n| depth(m).total_cmp(&depth(n)));
+        let normals = convex.faces.iter().map(|face| face.plane.normal);
+        let nearest = normals.max_by(|m, n| depth(m).total_cmp(&depth(n)));
         nearest.unwrap_or(centre.normalize_or(Vector::X))
     };
     let gap = signed - convex.border - radius;
     let on_a = pose_a.transform_point(surface + normal * convex.border);
-    one_point(pose_a.rotation * normal, on_a, gap, [0, 0], prediction)
+    one_point(pose_a.rotation * normal, on_a, gap, prediction, points)
 }
 
 fn convex_convex(
@@ -150,54 +151,76 @@ fn convex_convex(
     b: &Convex,
     pose_b: &Pose,
     prediction: f64,
-) -> Option<(Vector, Few<Point>)> {
+    points: &mut Few<Point>,
+) -> Option<Vector> {
     let b_in_a = pose_a.inv_mul(pose_b);
     let found = separation(a, b, &b_in_a, prediction)?;
-    let normal = found.normal;
-    let towards_a = b_in_a.rotation.inverse() * -normal;
-    let feature_a = a.feature(normal);
-    let mut feature_b = b.feature(towards_a);
-    for point in &mut feature_b.points {
-        *point = b_in_a.transform_point(*point);
-    }
     let merge = MERGE * a.bound.min(b.bound);
-    // `height` is along the normal, from the core of a to the core of b.
-    let mut points = match found.origin {
-        Origin::FaceA => clip(&feature_a, &feature_b, normal, merge),
-        Origin::FaceB => {
-            let mut points = clip(&feature_b, &feature_a, -normal, merge);
-            for point in &mut points {
+    // Points with the height from the core of a to that of b for their gap, and the normal from a to b, in the frame of a,
+    // or of b where the face is b's.
+    let (pose, normal) = match found.origin {
+        Origin::FaceA(face) => {
+            clip(a, face, b, &b_in_a, merge, points);
+            (pose_a, a.faces[face].plane.normal)
+        }
+        Origin::FaceB(face) => {
+            clip(b, face, a, &b_in_a.inverse(), merge, points);
+            for point in points.iter_mut() {
                 point.features.swap(0, 1);
             }
-            points
+            (pose_b, -b.faces[face].plane.normal)
         }
-        Origin::Edges(i, j) => match (&a.core, &b.core) {
-            (Core::Polytope(pa), Core::Polytope(pb)) => {
-                smallvec![edge_contact(pa, i, pb, j, &b_in_a, normal)]
+        Origin::Edges(i, j) => {
+            if let (Core::Polytope(pa), Core::Polytope(pb)) = (&a.core, &b.core) {
+                points.push(edge_contact(pa, i, pb, j, &b_in_a, found.normal));
             }
-            _ => Few::new(),
-        },
-        Origin::Points(pa, pb) => overlap(&feature_a, &feature_b, normal).unwrap_or_else(|| {
-            smallvec![Point {
-                position: 0.5 * (pa + pb),
-                gap: (pb - pa).dot(normal),
-                features: [feature_a.face_id(), feature_b.face_id()],
-            }]
-        }),
+            (pose_a, found.normal)
+        }
+        Origin::Points(pa, pb) => {
+            let feature_a = a.feature(found.normal);
+            let feature_b = feature_in(b, &b_in_a, -found.normal);
+            match overlap(&feature_a, &feature_b, found.normal) {
+                Some(ends) => points.extend(ends),
+                None => points.push(Point {
+                    position: 0.5 * (pa + pb),
+                    gap: (pb - pa).dot(found.normal),
+                    features: [face_id(feature_a.face), face_id(feature_b.face)],
+                }),
+            }
+            (pose_a, found.normal)
+        }
     };
-    for point in &mut points {
+    let turn = Matrix::from_quat(pose.rotation);
+    // The midpoint of the cores is not that of the surfaces where the borders differ.
+    let middle = normal * (0.5 * (a.border - b.border));
+    points.retain(|point| {
         point.gap -= a.border + b.border;
-        // The midpoint of the cores is not that of the surfaces where the borders differ.
-        let local = point.position + normal * (0.5 * (a.border - b.border));
-        point.position = pose_a.transform_point(local);
-    }
-    points.retain(|point| point.gap <= prediction);
-    (!points.is_empty()).then_some((pose_a.rotation * normal, points))
+        point.position = turn * (point.position + middle) + pose.translation;
+        point.gap <= prediction
+    });
+    (!points.is_empty()).then(|| turn * normal)
 }
 
-/// The part of `incident` that lies over the face `reference` (whose outward normal is `normal`), as contact points
-/// with features [reference, incident]: Sutherland and Hodgman's clipping by the planes through the face's sides.
-fn clip(reference: &Feature, incident: &Feature, normal: Vector, merge: f64) -> Few<Point> {
+/// The face or edge of a shape in this pose that looks along a unit direction.
+fn feature_in(shape: &Convex, pose: &Pose, direction: Vector) -> Feature {
+    let turn = Matrix::from_quat(pose.rotation);
+    let mut feature = shape.feature(turn.mul_transpose_vec3(direction));
+    for point in &mut feature.points {
+        *point = turn * *point + pose.translation;
+    }
+    feature
+}
+
+/// The part of `other`, in this pose, that lies over a face of `reference`, as contact points in the frame of `reference`
+/// with features [reference, other]: Sutherland and Hodgman's clipping by the planes through the face's sides.
+fn clip(
+    reference: &Convex,
+    face: usize,
+    other: &Convex,
+    pose: &Pose,
+    merge: f64,
+    points: &mut Few<Point>,
+) {
     #[derive(Clone, Copy)]
     struct Corner {
         at: Vector,
@@ -205,33 +228,32 @@ fn clip(reference: &Feature, incident: &Feature, normal: Vector, merge: f64) -> 
         /// The line from here to the next corner: a side of the incident feature, or one that clipping made.
         side: FeatureId,
     }
-    let face = reference.face_id();
-    let mut corners: Few<Corner> = incident
-        .points
-        .iter()
-        .zip(&incident.ids)
-        .enumerate()
+    let Face { plane, sides, .. } = &reference.faces[face];
+    let incident = feature_in(other, pose, -plane.normal);
+    let named = incident.points.iter().zip(&incident.ids).enumerate();
+    let mut corners: Few<Corner> = named
         .map(|(k, (&at, &id))| Corner {
             at,
-            features: [face, id],
+            features: [face_id(face), id],
             side: edge_id(incident.face, k),
         })
         .collect();
     let closed = corners.len() > 2;
-    let sides = reference.points.len();
     let mut kept = Few::new();
-    for side in 0..sides {
-        let start = reference.points[side];
-        let end = reference.points[(side + 1) % sides];
-        // Seen from outside the face runs counter-clockwise, so that the inside is on the left.
-        let outward = (end - start).cross(normal).normalize_or_zero();
-        let height = |corner: &Corner| (corner.at - start).dot(outward);
-        let cut = edge_id(reference.face, side);
+    let (mut corners, mut kept) = (&mut corners, &mut kept);
+    for (side, plane) in sides.iter().enumerate() {
+        if corners
+            .iter()
+            .all(|corner| plane.height(corner.at) <= merge)
+        {
+            continue;
+        }
+        let cut = edge_id(face, side);
         kept.clear();
         let count = corners.len();
         for k in 0..count {
             let corner = corners[k];
-            let here = height(&corner);
+            let here = plane.height(corner.at);
             if here <= merge {
                 kept.push(corner);
             }
@@ -239,7 +261,7 @@ fn clip(reference: &Feature, incident: &Feature, normal: Vector, merge: f64) -> 
                 break;
             }
             let next = corners[(k + 1) % count];
-            let there = height(&next);
+            let there = plane.height(next.at);
             if (here <= merge) != (there <= merge) {
                 let at = corner.at + (next.at - corner.at) * (here / (here - there));
                 let leaving = here <= merge;
@@ -252,25 +274,20 @@ fn clip(reference: &Feature, incident: &Feature, normal: Vector, merge: f64) -> 
         }
         std::mem::swap(&mut corners, &mut kept);
     }
-    let origin = reference.points[0];
-    let mut points: Few<Point> = Few::new();
-    let mut surfaces: Few<Vector> = Few::new();
-    for corner in corners {
-        if surfaces
-            .iter()
-            .any(|at| at.distance_squared(corner.at) < merge * merge)
-        {
+    kept.clear();
+    for &corner in &*corners {
+        let known = |other: &Corner| other.at.distance_squared(corner.at) < merge * merge;
+        if kept.iter().any(known) {
             continue;
         }
-        surfaces.push(corner.at);
-        let gap = (corner.at - origin).dot(normal);
+        kept.push(corner);
+        let gap = plane.height(corner.at);
         points.push(Point {
-            position: corner.at - normal * (0.5 * gap),
+            position: corner.at - plane.normal * (0.5 * gap),
             gap,
             features: corner.features,
         });
     }
-    points
 }
 
 /// The two ends of the stretch along which two nearly parallel edges run side by side; None for anything else.
@@ -328,7 +345,11 @@ fn edge_contact(
     }
 }
 
-fn outermost_edge(polytope: &Polytope, direction: usize, outward: Vector) -> (u32, Vector, Vector) {
+fn outermost_edge(
+    polytope: &Polytope,
+    direction: usize,
+    outward: Vector,
+) -> (usize, Vector, Vector) {
     let mut best = (0, Vector::ZERO, Vector::ZERO);
     let mut height = f64::NEG_INFINITY;
     for (index, (vertices, of)) in polytope.edges.iter().enumerate() {
@@ -338,7 +359,7 @@ fn outermost_edge(polytope: &Polytope, direction: usize, outward: Vector) -> (u3
         let [start, end] = vertices.map(|v| polytope.points[v as usize]);
         let along = (start + end).dot(outward);
         if along > height {
-            (best, height) = ((index as u32, start, end), along);
+            (best, height) = ((index, start, end), along);
         }
     }
     best

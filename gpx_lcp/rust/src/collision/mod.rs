@@ -10,12 +10,15 @@ pub mod manifold;
 pub mod separation;
 pub mod solid;
 
+use std::mem::swap;
+
 use parry3d_f64::math::{Pose, Vector};
 
 use crate::bodies::{Bodies, Twist};
 use crate::team::Team;
 use broad_phase::BroadPhase;
-use solid::FeatureId;
+use manifold::{Point, manifold};
+use solid::{FeatureId, Few};
 
 /// Gap below which bodies count as touching even at rest, as a share of the body's size: above rounding, far below
 /// anything that would bring in neighbours.
@@ -45,6 +48,8 @@ pub struct Contact {
 #[derive(Default)]
 pub struct Memory {
     broad_phase: BroadPhase,
+    /// How far each body can travel in the step, and a hair more.
+    margins: Vec<f64>,
     /// What each piece of work has found.
     found: Vec<Vec<Contact>>,
 }
@@ -64,28 +69,31 @@ pub fn detect(
         None => &poses[body],
         Some(fixed) => &bodies.fixed_poses[fixed],
     };
-    let margins: Vec<f64> = (0..bodies.len())
-        .map(|body| {
-            let bound = bodies.bound(body);
-            let speed = velocities
-                .get(body)
-                .map_or(0.0, |v| v.linear.length() + v.angular.length() * bound);
-            time_step * speed + REST_MARGIN * bound
-        })
-        .collect();
-    let found = |[a, b]: [u32; 2], contacts: &mut Vec<Contact>| {
+    let Memory {
+        broad_phase,
+        margins,
+        found,
+    } = memory;
+    margins.clear();
+    margins.extend((0..bodies.len()).map(|body| {
+        let bound = bodies.bound(body);
+        let speed = velocities
+            .get(body)
+            .map_or(0.0, |v| v.linear.length() + v.angular.length() * bound);
+        time_step * speed + REST_MARGIN * bound
+    }));
+    let find = |[a, b]: [u32; 2], points: &mut Few<Point>, contacts: &mut Vec<Contact>| {
         let (one, other) = (a as usize, b as usize);
         let (Some(solid_a), Some(solid_b)) = (&bodies.solids[one], &bodies.solids[other]) else {
             return;
         };
         let prediction = margins[one] + margins[other];
-        let Some((normal, points)) =
-            manifold::manifold(solid_a, pose(one), solid_b, pose(other), prediction)
+        let Some(normal) = manifold(solid_a, pose(one), solid_b, pose(other), prediction, points)
         else {
             return;
         };
         let frame = frame(normal);
-        contacts.extend(points.into_iter().map(|point| Contact {
+        contacts.extend(points.iter().map(|point| Contact {
             bodies: [a, b],
             features: point.features,
             point: point.position,
@@ -97,19 +105,27 @@ pub fn detect(
         let solid = bodies.solids[body].as_ref()?;
         solid.aabb(pose(body), margins[body])
     };
-    let pairs = memory.broad_phase.pairs(bodies, &margins, bounds);
-    let needed = pairs.len().div_ceil(PIECE);
-    let held = memory.found.len().max(needed);
-    memory.found.resize_with(held, Vec::new);
-    let mut parts: Vec<_> = pairs.chunks(PIECE).zip(&mut memory.found).collect();
+    let pairs = broad_phase.pairs(bodies, margins, bounds);
+    let piece = if team.is_alone() {
+        pairs.len().max(1)
+    } else {
+        PIECE
+    };
+    let held = found.len().max(pairs.len().div_ceil(piece));
+    found.resize_with(held, Vec::new);
+    let mut parts: Vec<_> = pairs.chunks(piece).zip(found).collect();
     team.each(&mut parts, |(pairs, contacts)| {
         contacts.clear();
-        pairs.iter().for_each(|&pair| found(pair, contacts));
+        let points = &mut Few::new();
+        pairs.iter().for_each(|&pair| find(pair, points, contacts));
     });
     contacts.clear();
-    parts
-        .iter()
-        .for_each(|(_, found)| contacts.extend_from_slice(found));
+    let mut parts = parts.into_iter().map(|(_, found)| found);
+    // The first piece changes places with the contacts, rather than being copied.
+    if let Some(first) = parts.next() {
+        swap(contacts, first);
+    }
+    parts.for_each(|found| contacts.extend_from_slice(found));
 }
 
 /// A right-handed frame with the normal first; a vertical normal has its tangents along x and y.

@@ -11,6 +11,7 @@ use parry3d_f64::query::gjk::{GJKResult, VoronoiSimplex};
 use parry3d_f64::shape::SupportMap;
 
 use super::solid::{Convex, Core, Polytope};
+use crate::small_matrix::dot;
 
 /// A later candidate must be better than an earlier one by this share of the shapes' size: faces come before edges, and
 /// those of body a before those of body b, so that rounding does not make contacts flip between steps.
@@ -21,8 +22,9 @@ const EDGE_PAIR_LIMIT: usize = 4096;
 /// Where the separating direction comes from.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum Origin {
-    FaceA,
-    FaceB,
+    /// The face of this number, of a or of b.
+    FaceA(usize),
+    FaceB(usize),
     /// Edges in these directions of a and of b.
     Edges(usize, usize),
     /// The nearest points of the cores, both in the frame of a.
@@ -56,7 +58,7 @@ pub fn separation(a: &Convex, b: &Convex, b_in_a: &Pose, prediction: f64) -> Opt
     let mut best = Separation {
         normal: Vector::Z,
         gap: f64::NEG_INFINITY,
-        origin: Origin::FaceA,
+        origin: Origin::FaceA(0),
     };
     let mut consider = |normal: Vector, origin: Origin, preference: f64| {
         let gap = gap_along(a, b, &turn, b_in_a.translation, normal);
@@ -69,13 +71,14 @@ pub fn separation(a: &Convex, b: &Convex, b_in_a: &Pose, prediction: f64) -> Opt
         }
         gap <= prediction
     };
-    for normal in a.face_normals() {
-        if !consider(normal, Origin::FaceA, 0.0) {
+    for (number, face) in a.faces.iter().enumerate() {
+        if !consider(face.plane.normal, Origin::FaceA(number), 0.0) {
             return None;
         }
     }
-    for normal in b.face_normals() {
-        if !consider(-(turn * normal), Origin::FaceB, tolerance) {
+    for (number, face) in b.faces.iter().enumerate() {
+        let normal = -(turn * face.plane.normal);
+        if !consider(normal, Origin::FaceB(number), tolerance) {
             return None;
         }
     }
@@ -124,66 +127,74 @@ fn boxes(
     prediction: f64,
     tolerance: f64,
 ) -> Option<Separation> {
-    // Columns are the axes of b; the reach of b along the axes of a, and of a along those of b.
-    let axes = [turn.x_axis, turn.y_axis, turn.z_axis];
-    let reach_b = axes[0].abs() * half_b.x + axes[1].abs() * half_b.y + axes[2].abs() * half_b.z;
+    let (half_a, half_b, offset) = (half_a.to_array(), half_b.to_array(), offset.to_array());
+    // The axes of b, and how far each reaches along those of a.
+    let axes = turn.to_cols_array_2d();
+    let shares = axes.map(|axis| axis.map(f64::abs));
     let mut best = Separation {
         normal: Vector::Z,
         gap: f64::NEG_INFINITY,
-        origin: Origin::FaceA,
+        origin: Origin::FaceA(0),
     };
-    for axis in 0..3 {
-        let gap = offset[axis].abs() - half_a[axis] - reach_b[axis];
+    let outward = |normal: Vector, along: f64| if along < 0.0 { -normal } else { normal };
+    for k in 0..3 {
+        let reach_b = (0..3).map(|j| shares[j][k] * half_b[j]).sum::<f64>();
+        let gap = offset[k].abs() - half_a[k] - reach_b;
         if gap > prediction {
             return None;
         }
         if gap > best.gap {
-            let normal = Vector::AXES[axis];
             best = Separation {
-                normal: if offset[axis] > 0.0 { normal } else { -normal },
+                normal: outward(Vector::AXES[k], offset[k]),
                 gap,
-                origin: Origin::FaceA,
+                origin: Origin::FaceA(2 * k + usize::from(offset[k] >= 0.0)),
             };
         }
     }
-    for axis in 0..3 {
-        let normal = axes[axis];
-        let along = offset.dot(normal);
-        let gap = along.abs() - half_b[axis] - normal.abs().dot(half_a);
+    for k in 0..3 {
+        let along = dot(&axes[k], &offset);
+        let gap = along.abs() - half_b[k] - dot(&shares[k], &half_a);
         if gap > prediction {
             return None;
         }
         if gap > best.gap + tolerance {
             best = Separation {
-                normal: if along < 0.0 { -normal } else { normal },
+                normal: outward(Vector::from_array(axes[k]), along),
                 gap,
-                origin: Origin::FaceB,
+                origin: Origin::FaceB(2 * k + usize::from(along < 0.0)),
             };
         }
     }
     for i in 0..3 {
+        let (k, l) = ((i + 1) % 3, (i + 2) % 3);
         for j in 0..3 {
-            let axis = Vector::AXES[i].cross(axes[j]);
-            let square = axis.length_squared();
+            let (m, n) = ((j + 1) % 3, (j + 2) % 3);
+            // Axis i of a times axis j of b has -axes[j][l] in place k and axes[j][k] in place l.
+            let (axis, share) = (&axes[j], &shares[j]);
+            let square = axis[k] * axis[k] + axis[l] * axis[l];
             // Nearly parallel edges touch where a face does, and their cross product is all rounding.
             if square < 1e-12 {
                 continue;
             }
-            let normal = axis / square.sqrt();
-            let along = offset.dot(normal);
-            let reach = normal.abs().dot(half_a)
-                + axes
-                    .iter()
-                    .zip(half_b.to_array())
-                    .map(|(axis, half)| normal.dot(*axis).abs() * half)
-                    .sum::<f64>();
-            let gap = along.abs() - reach;
+            let along = offset[l] * axis[k] - offset[k] * axis[l];
+            let reach_a = half_a[k] * share[l] + half_a[l] * share[k];
+            let reach_b = half_b[m] * shares[n][i] + half_b[n] * shares[m][i];
+            // All of this is too long by the root of the square, which is taken only where the gap may count.
+            let gap = along.abs() - reach_a - reach_b;
+            let least = (best.gap + tolerance).min(prediction);
+            if gap * gap.abs() <= least * least.abs() * square {
+                continue;
+            }
+            let length = square.sqrt();
+            let gap = gap / length;
             if gap > prediction {
                 return None;
             }
             if gap > best.gap + tolerance {
+                let mut normal = [0.0; 3];
+                (normal[k], normal[l]) = (-axis[l] / length, axis[k] / length);
                 best = Separation {
-                    normal: if along < 0.0 { -normal } else { normal },
+                    normal: outward(Vector::from_array(normal), along),
                     gap,
                     origin: Origin::Edges(i, j),
                 };
@@ -270,7 +281,7 @@ mod tests {
             let pose = above(1.0 + gap, Rotation::IDENTITY);
             let found = separation(&cube(), &cube(), &pose, 1.0).unwrap();
             assert_eq!(found.normal, Vector::Z);
-            assert_eq!(found.origin, Origin::FaceA);
+            assert_eq!(found.origin, Origin::FaceA(5));
             assert!((found.gap - gap).abs() < 1e-15);
         }
     }
@@ -279,11 +290,11 @@ mod tests {
     fn a_cube_on_its_corner_over_a_face_takes_the_face() {
         let tilt = Rotation::from_rotation_x(0.7) * Rotation::from_rotation_y(0.6);
         let found = separation(&cube(), &cube(), &above(1.5, tilt), 1.0).unwrap();
-        assert_eq!(found.origin, Origin::FaceA);
+        assert_eq!(found.origin, Origin::FaceA(5));
         // The same two cubes, named the other way round: now the face belongs to b.
         let swapped = above(1.5, tilt).inverse();
         let found = separation(&cube(), &cube(), &swapped, 1.0).unwrap();
-        assert_eq!(found.origin, Origin::FaceB);
+        assert_eq!(found.origin, Origin::FaceB(5));
         assert!((tilt * found.normal - Vector::NEG_Z).length() < 1e-12);
     }
 

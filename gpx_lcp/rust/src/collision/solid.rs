@@ -21,8 +21,12 @@ const FACE: u32 = 3 << 30;
 /// The name of a vertex, edge or face: equal between steps while the same features touch.
 pub type FeatureId = u32;
 
-pub fn edge_id(face: u32, side: usize) -> FeatureId {
-    EDGE | (face << 8) | side as u32
+pub fn edge_id(face: usize, side: usize) -> FeatureId {
+    EDGE | (face << 8 | side) as u32
+}
+
+pub fn face_id(face: usize) -> FeatureId {
+    FACE | face as u32
 }
 
 /// A shape in the frame of its body, whose origin is the centre of mass.
@@ -42,6 +46,8 @@ pub enum Solid {
 #[derive(Clone)]
 pub struct Convex {
     pub core: Core,
+    /// The flat faces of the core. Those of a box stand in the order -x, x, -y, y, -z, z.
+    pub faces: Vec<Face>,
     pub border: f64,
     /// Radius of the smallest ball about the origin that holds the shape, m.
     pub bound: f64,
@@ -58,7 +64,6 @@ pub enum Core {
 #[derive(Clone)]
 pub struct Polytope {
     pub points: Vec<Vector>,
-    pub faces: Vec<Face>,
     /// Directions of the edges, each once whatever its sign.
     pub edge_directions: Vec<Vector>,
     /// Every edge as its two vertices and the index of its direction.
@@ -70,9 +75,19 @@ pub struct Polytope {
 
 #[derive(Clone)]
 pub struct Face {
-    pub normal: Vector,
+    pub plane: Plane,
     /// Vertices in counter-clockwise order seen from outside.
     pub vertices: Vec<u32>,
+    /// Through the side from each vertex to the next, at right angles to the face.
+    pub sides: Vec<Plane>,
+}
+
+/// The plane normal·x = offset; the shape is below it.
+#[derive(Clone, Copy)]
+pub struct Plane {
+    /// Unit, outwards.
+    pub normal: Vector,
+    pub offset: f64,
 }
 
 /// The corners of a face: without an allocation as long as they are no more than a cylinder's cap has.
@@ -82,12 +97,36 @@ pub type Few<T> = SmallVec<[T; CAP_CORNERS]>;
 pub struct Feature {
     pub points: Few<Vector>,
     pub ids: Few<FeatureId>,
-    pub face: u32,
+    /// The number of the face; of an edge, one that no face has.
+    pub face: usize,
 }
 
-impl Feature {
-    pub fn face_id(&self) -> FeatureId {
-        FACE | self.face
+impl Plane {
+    fn through(point: Vector, normal: Vector) -> Self {
+        Self {
+            normal,
+            offset: point.dot(normal),
+        }
+    }
+
+    pub fn height(&self, point: Vector) -> f64 {
+        point.dot(self.normal) - self.offset
+    }
+}
+
+impl Face {
+    /// The face with these corners, the vertices of these numbers.
+    fn new(normal: Vector, corners: &[Vector], vertices: Vec<u32>) -> Self {
+        let ends = corners.iter().cycle().skip(1);
+        // Seen from outside the face runs counter-clockwise, so that the inside is on the left.
+        let sides = corners.iter().zip(ends).map(|(&start, &end)| {
+            Plane::through(start, (end - start).cross(normal).normalize_or_zero())
+        });
+        Self {
+            plane: Plane::through(corners[0], normal),
+            sides: sides.collect(),
+            vertices,
+        }
     }
 }
 
@@ -168,10 +207,7 @@ impl Convex {
             (Vector::NEG_Z, [0, 2, 3, 1]),
             (Vector::Z, [4, 5, 7, 6]),
         ]
-        .map(|(normal, vertices)| Face {
-            normal,
-            vertices: vertices.to_vec(),
-        });
+        .map(|(normal, vertices)| (normal, vertices.to_vec()));
         let surface = SharedShape::new(Cuboid::new(half));
         let points = (0..8).map(corner).collect();
         Self::polytope(points, faces.to_vec(), Some(half), surface)
@@ -186,10 +222,7 @@ impl Convex {
             .map(|face| {
                 let first = face.first_vertex_or_edge as usize;
                 let range = first..first + face.num_vertices_or_edges as usize;
-                Face {
-                    normal: face.normal,
-                    vertices: hull.vertices_adj_to_face()[range].to_vec(),
-                }
+                (face.normal, hull.vertices_adj_to_face()[range].to_vec())
             })
             .collect();
         Some(Self::polytope(
@@ -200,12 +233,20 @@ impl Convex {
         ))
     }
 
+    /// From its vertices, and the normal and the vertices of each face.
     fn polytope(
         points: Vec<Vector>,
-        faces: Vec<Face>,
+        faces: Vec<(Vector, Vec<u32>)>,
         half: Option<Vector>,
         surface: SharedShape,
     ) -> Self {
+        let corners = |vertices: &[u32]| -> Vec<Vector> {
+            vertices.iter().map(|&v| points[v as usize]).collect()
+        };
+        let faces: Vec<Face> = faces
+            .into_iter()
+            .map(|(normal, vertices)| Face::new(normal, &corners(&vertices), vertices))
+            .collect();
         let mut edge_directions: Vec<Vector> = Vec::new();
         let mut edges = Vec::new();
         for face in &faces {
@@ -228,12 +269,12 @@ impl Convex {
         Convex {
             core: Core::Polytope(Polytope {
                 points,
-                faces,
                 edge_directions,
                 edges,
                 half,
                 surface,
             }),
+            faces,
             border: 0.0,
             bound,
         }
@@ -243,6 +284,7 @@ impl Convex {
     pub fn capsule(radius: f64, half_length: f64) -> Self {
         Convex {
             core: Core::Segment { half_length },
+            faces: Vec::new(),
             border: radius,
             bound: half_length + radius,
         }
@@ -250,11 +292,16 @@ impl Convex {
 
     /// A cylinder along z.
     pub fn cylinder(radius: f64, half_length: f64) -> Self {
+        let cap = |normal| {
+            let feature = cylinder_feature(radius, half_length, normal);
+            Face::new(normal, &feature.points, feature.ids.to_vec())
+        };
         Convex {
             core: Core::Cylinder {
                 radius,
                 half_length,
             },
+            faces: vec![cap(Vector::Z), cap(Vector::NEG_Z)],
             border: 0.0,
             bound: radius.hypot(half_length),
         }
@@ -265,37 +312,26 @@ impl Convex {
         self.core.local_support_point(direction) + direction * self.border
     }
 
-    /// The normals of the flat faces.
-    pub fn face_normals(&self) -> impl Iterator<Item = Vector> {
-        let (faces, caps) = match &self.core {
-            Core::Polytope(polytope) => (polytope.faces.as_slice(), 0),
-            Core::Segment { .. } => (&[] as &[Face], 0),
-            Core::Cylinder { .. } => (&[] as &[Face], 2),
-        };
-        let caps = [Vector::Z, Vector::NEG_Z].into_iter().take(caps);
-        faces.iter().map(|face| face.normal).chain(caps)
-    }
-
     /// The face or edge of the core that looks along a unit direction.
     pub fn feature(&self, direction: Vector) -> Feature {
         match &self.core {
             Core::Polytope(polytope) => {
                 let mut best = 0;
                 let mut height = f64::NEG_INFINITY;
-                for (index, face) in polytope.faces.iter().enumerate() {
-                    let along = face.normal.dot(direction);
+                for (index, face) in self.faces.iter().enumerate() {
+                    let along = face.plane.normal.dot(direction);
                     if along > height {
                         (best, height) = (index, along);
                     }
                 }
-                let vertices = &polytope.faces[best].vertices;
+                let vertices = &self.faces[best].vertices;
                 Feature {
                     points: vertices
                         .iter()
                         .map(|&v| polytope.points[v as usize])
                         .collect(),
                     ids: vertices.iter().map(|v| VERTEX | v).collect(),
-                    face: best as u32,
+                    face: best,
                 }
             }
             Core::Segment { half_length } => Feature {
@@ -352,7 +388,7 @@ fn cylinder_feature(radius: f64, half_length: f64, direction: Vector) -> Feature
         return Feature {
             points: smallvec![foot, foot + Vector::Z * (2.0 * half_length)],
             ids: smallvec![VERTEX, VERTEX | 1],
-            face: 0,
+            face: 2,
         };
     }
     let up = direction.z > 0.0;
@@ -366,8 +402,8 @@ fn cylinder_feature(radius: f64, half_length: f64, direction: Vector) -> Feature
             Vector::new(x * radius, y * radius, turn * half_length)
         })
         .collect();
-    let face = if up { 1 } else { 2 };
-    let ids = (0..CAP_CORNERS as u32).map(|c| VERTEX | (face << 8) | c);
+    let face = if up { 0 } else { 1 };
+    let ids = (0..CAP_CORNERS).map(|c| VERTEX | ((face + 1) << 8 | c) as u32);
     Feature {
         points,
         ids: ids.collect(),
