@@ -10,8 +10,6 @@
 //!
 //! Bodies that are in contact, or may come to it, must agree on the way: it is chosen for each island of them.
 
-use parry3d_f64::math::Pose;
-
 use crate::bodies::{Bodies, State, Twist};
 use crate::collision::Contact;
 use crate::stacking::relative_velocity;
@@ -40,8 +38,8 @@ pub fn mean_motion(
         })
         .collect();
     let mut islands = Islands::new(bodies.moving);
-    for contact in contacts {
-        let [a, b] = contact.bodies.map(|body| body as usize);
+    for pair in of_pairs(contacts) {
+        let [a, b] = pair[0].bodies.map(|body| body as usize);
         if a.max(b) < bodies.moving {
             islands.join(a, b);
         }
@@ -52,12 +50,19 @@ pub fn mean_motion(
             steady[islands.of(body)] = false;
         }
     }
-    for contact in contacts {
-        let moving = contact.bodies[0].min(contact.bodies[1]) as usize;
-        let island = islands.of(moving);
+    for pair in of_pairs(contacts) {
+        let [a, b] = pair[0].bodies;
+        let island = islands.of(a.min(b) as usize);
         if steady[island] {
-            steady[island] =
-                !is_driven_in(bodies, contact, &state.poses, &motion, after, time_step);
+            let rounding = ROUNDING * bodies.size([a, b]);
+            let end = |contact: &Contact, twists: &[Twist]| {
+                let velocity = relative_velocity(bodies, contact, &state.poses, twists);
+                contact.gap + time_step * velocity.dot(contact.frame[0])
+            };
+            // The mean ends in overlap that the velocities after the step do not make.
+            let is_driven_in =
+                |contact: &Contact| end(contact, &motion) < end(contact, after).min(0.0) - rounding;
+            steady[island] = !pair.iter().any(is_driven_in);
         }
     }
     for body in 0..bodies.moving {
@@ -68,20 +73,9 @@ pub fn mean_motion(
     motion
 }
 
-/// Whether the mean ends in overlap that the velocities after the step do not make.
-fn is_driven_in(
-    bodies: &Bodies,
-    contact: &Contact,
-    poses: &[Pose],
-    mean: &[Twist],
-    after: &[Twist],
-    time_step: f64,
-) -> bool {
-    let end = |twists: &[Twist]| {
-        let velocity = relative_velocity(bodies, contact, poses, twists);
-        contact.gap + time_step * velocity.dot(contact.frame[0])
-    };
-    end(mean) < end(after).min(0.0) - ROUNDING * bodies.size(contact.bodies)
+/// The contacts of each pair of bodies, which stand together.
+fn of_pairs(contacts: &[Contact]) -> impl Iterator<Item = &[Contact]> {
+    contacts.chunk_by(|one, other| one.bodies == other.bodies)
 }
 
 /// Sets of bodies that contacts join.
