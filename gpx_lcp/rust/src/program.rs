@@ -2,6 +2,7 @@
 //! `formulations.RESIDUALS`, evaluated on Ĵ, B and p alone, whoever found the impulses.
 
 use std::array::from_fn;
+use std::ops::Range;
 
 use crate::contact::Law;
 use crate::exact;
@@ -9,6 +10,9 @@ use crate::friction_cone::{ConvexCone, Coulomb, project};
 use crate::polygon::Polygon;
 use crate::small_matrix::{Vector, dot};
 use crate::solving::System;
+
+/// Contacts whose natural maps are worked out together.
+const PIECE: usize = 16;
 
 /// Which impulses are allowed, and when. With one row per contact all of them are the same.
 #[derive(Clone, Debug, PartialEq)]
@@ -38,58 +42,78 @@ impl Program {
         }
     }
 
-    /// ‖natural map‖/‖B‖ from μ and d of each contact, and B, p and u = A p − B, with 1 to 3 rows per contact.
+    /// ‖natural map‖/‖B‖ of impulses with 1 to 3 rows per contact. `velocity` puts u = A p − B of these contacts, whose B it is
+    /// given, into its last argument.
     pub fn relative_map(
         &self,
-        friction: &[f64],
-        scale: &[f64],
-        b: &[f64],
+        system: System,
         impulse: &[f64],
-        velocity: &[f64],
+        velocity: impl Fn(Range<usize>, &[f64], &mut [f64]),
     ) -> f64 {
-        let contacts = Contacts {
-            friction,
-            scale,
-            impulse,
-            velocity,
-        };
-        let square = match b.len() / friction.len().max(1) {
-            3 => self.squared_map::<3>(&contacts),
-            2 => self.squared_map::<2>(&contacts),
-            _ => contacts.sum::<1>(|_, d, p, u| normal_map(d, p, u)),
-        };
-        if square == 0.0 {
-            return 0.0;
-        }
-        square.sqrt() / b.iter().map(|b| b * b).sum::<f64>().sqrt()
+        let impulses = |at: Range<usize>| &impulse[at];
+        let map = self.bounded_map(system, impulses, velocity, f64::INFINITY);
+        map.unwrap_or(f64::INFINITY)
     }
 
-    /// The start impulses, or none at all, whichever is closer to a solution, if that is within the tolerance; with its
-    /// residual. `residual` is that of the start. Impulses that do nothing but hold each other are not kept.
-    pub fn settled(
+    /// The same of no impulses at all, None where it is more than `most`: as a rule few contacts tell.
+    pub fn without(&self, system: System, most: f64) -> Option<f64> {
+        let none = [0.0; 3 * PIECE];
+        let falling = |_, b: &[f64], velocity: &mut [f64]| {
+            velocity.iter_mut().zip(b).for_each(|(u, b)| *u = -b);
+        };
+        self.bounded_map(system, |at| &none[..at.len()], falling, most)
+    }
+
+    /// ‖natural map‖/‖B‖, None where it is more than `most`.
+    fn bounded_map<'a>(
         &self,
         system: System,
-        start: &[f64],
-        residual: f64,
-        tolerance: f64,
-    ) -> Option<(Vec<f64>, f64)> {
-        if residual > tolerance {
-            return None;
-        }
+        impulse: impl Fn(Range<usize>) -> &'a [f64],
+        velocity: impl Fn(Range<usize>, &[f64], &mut [f64]),
+        most: f64,
+    ) -> Option<f64> {
         let System {
             b, friction, scale, ..
         } = system;
-        let none = vec![0.0; b.len()];
-        let falling: Vec<f64> = b.iter().map(|value| -value).collect();
-        let without = self.relative_map(friction, scale, b, &none, &falling);
-        Some(if residual < without {
-            (start.to_vec(), residual)
-        } else {
-            (none, without)
-        })
+        let (rows, size) = (b.len() / friction.len().max(1), size(b));
+        let mut square = 0.0;
+        let mut relative = 0.0;
+        let mut velocities = [0.0; 3 * PIECE];
+        for begin in (0..friction.len()).step_by(PIECE) {
+            let contacts = begin..friction.len().min(begin + PIECE);
+            let at = rows * contacts.start..rows * contacts.end;
+            let velocities = &mut velocities[..at.len()];
+            velocity(contacts.clone(), &b[at.clone()], velocities);
+            square += self.squared_map(
+                rows,
+                &Contacts {
+                    friction: &friction[contacts.clone()],
+                    scale: &scale[contacts],
+                    impulse: impulse(at),
+                    velocity: velocities,
+                },
+            );
+            // B is zero where there is nothing to do.
+            if square != 0.0 {
+                relative = square.sqrt() / size;
+            }
+            if relative > most {
+                return None;
+            }
+        }
+        Some(relative)
     }
 
-    fn squared_map<const R: usize>(&self, contacts: &Contacts) -> f64 {
+    /// Σ ‖natural map‖² over contacts of 1 to 3 rows.
+    fn squared_map(&self, rows: usize, contacts: &Contacts) -> f64 {
+        match rows {
+            3 => self.squared_map_sized::<3>(contacts),
+            2 => self.squared_map_sized::<2>(contacts),
+            _ => contacts.sum::<1>(|_, d, p, u| normal_map(d, p, u)),
+        }
+    }
+
+    fn squared_map_sized<const R: usize>(&self, contacts: &Contacts) -> f64 {
         match self {
             Program::Normal => contacts.sum::<R>(|_, d, p, u| normal_map(d, p, u)),
             Program::Cone => contacts.lawful::<R>(&ConvexCone),
@@ -101,21 +125,28 @@ impl Program {
     /// Bring start impulses into the cones of the program, to the nearest point of each. Returns how far they moved,
     /// relative to the largest entry.
     pub fn admit(&self, friction: &[f64], impulse: &mut [f64], rows: usize) -> f64 {
-        let size = largest(impulse.iter().copied());
-        let mut moved: f64 = 0.0;
-        for (p, &friction) in impulse.chunks_exact_mut(rows).zip(friction) {
+        let (mut size, mut moved): (Option<f64>, f64) = (None, 0.0);
+        for k in 0..friction.len() {
+            let p = &impulse[rows * k..rows * (k + 1)];
             let mut given = [0.0; 3];
             given[..rows].copy_from_slice(p);
             let inside = match self {
                 Program::Normal => project(0.0, &given),
-                Program::Cone | Program::Coulomb => project(friction, &given),
+                Program::Cone | Program::Coulomb => project(friction[k], &given),
                 Program::Polygon(_) if rows == 1 => project(0.0, &given),
-                Program::Polygon(corners) => project_pyramid(friction, corners, &given),
+                Program::Polygon(corners) => project_pyramid(friction[k], corners, &given),
             };
-            moved = moved.max(largest((0..3).map(|r| inside[r] - given[r])));
-            p.copy_from_slice(&inside[..rows]);
+            if inside != given {
+                // All before were left as they are.
+                size.get_or_insert_with(|| largest(impulse.iter().copied()));
+                moved = moved.max(largest((0..3).map(|r| inside[r] - given[r])));
+                impulse[rows * k..rows * (k + 1)].copy_from_slice(&inside[..rows]);
+            }
         }
-        if size > 0.0 { moved / size } else { 0.0 }
+        match size {
+            Some(size) if size > 0.0 => moved / size,
+            _ => 0.0,
+        }
     }
 }
 
@@ -166,6 +197,20 @@ fn project_pyramid(friction: f64, corners: &[[f64; 2]], x: &[f64; 3]) -> [f64; 3
 
 fn largest(values: impl Iterator<Item = f64>) -> f64 {
     values.fold(0.0, |most, value| most.max(value.abs()))
+}
+
+/// ‖x‖
+fn size(x: &[f64]) -> f64 {
+    // Four sums at a time, rather than each waiting for the one before.
+    let (fours, rest) = x.as_chunks::<4>();
+    let mut sums = [0.0; 4];
+    for four in fours {
+        for (sum, x) in sums.iter_mut().zip(four) {
+            *sum += x * x;
+        }
+    }
+    let rest = rest.iter().map(|x| x * x);
+    sums.into_iter().chain(rest).sum::<f64>().sqrt()
 }
 
 /// What the natural maps of all contacts are worked out from.

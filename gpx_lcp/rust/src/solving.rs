@@ -82,6 +82,8 @@ pub struct Answer {
     pub status: Status,
     /// Of the program, on the system as it was asked.
     pub residual: f64,
+    /// Ĵᵀ p, where Ĵ is known: what the impulses add to the velocities of the bodies, whitened.
+    pub states: Vec<f64>,
     /// The most of any part.
     pub iterations: usize,
     pub setup: Duration,
@@ -184,23 +186,49 @@ impl<'a> System<'a> {
         }
     }
 
+    /// The states of bodies without impulses.
+    fn at_rest(&self) -> Vec<f64> {
+        match self.form {
+            Form::Velocity => vec![0.0; self.matrix.block_columns * self.matrix.width],
+            Form::Impulse => Vec::new(),
+        }
+    }
+
     /// ‖natural map‖/‖B‖ of impulses, rows per contact.
     pub fn residual(&self, program: &Program, impulse: &[f64]) -> f64 {
-        let mut velocity = Vec::new();
-        match self.form {
-            Form::Velocity => {
-                let mut states = Vec::new();
-                self.matrix.gather(impulse, &mut states);
-                self.matrix.spread(&states, self.b, &mut velocity);
-            }
-            Form::Impulse => {
-                let mut product = vec![[0.0; 3]; self.friction.len()];
-                self.matrix.times(impulse, &mut product);
-                let product = product.iter().flat_map(|u| &u[..self.matrix.height]);
-                velocity.extend(product.zip(self.b).map(|(u, b)| u - b));
-            }
+        let mut states = Vec::new();
+        if let Form::Velocity = self.form {
+            self.matrix.gather(impulse, &mut states);
         }
-        program.relative_map(self.friction, self.scale, self.b, impulse, &velocity)
+        self.residual_at(program, impulse, &states)
+    }
+
+    /// The same, with the states of an `Answer`.
+    fn measured(&self, program: &Program, impulse: &[f64]) -> (f64, Vec<f64>) {
+        let mut states = Vec::new();
+        if let Form::Velocity = self.form {
+            self.matrix.gather_compensated(impulse, &mut states);
+        }
+        (self.residual_at(program, impulse, &states), states)
+    }
+
+    /// ‖natural map‖/‖B‖ where the states, if Ĵ is known, are Ĵᵀ p.
+    fn residual_at(&self, program: &Program, impulse: &[f64], states: &[f64]) -> f64 {
+        if let Form::Velocity = self.form {
+            return program.relative_map(*self, impulse, |contacts, b, velocity| {
+                self.matrix.spread(contacts, states, b, velocity);
+            });
+        }
+        let mut product = vec![[0.0; 3]; self.friction.len()];
+        self.matrix.times(impulse, &mut product);
+        program.relative_map(*self, impulse, |contacts, b, velocity| {
+            let product = product[contacts]
+                .iter()
+                .flat_map(|u| &u[..self.matrix.height]);
+            for ((velocity, u), b) in velocity.iter_mut().zip(product).zip(b) {
+                *velocity = u - b;
+            }
+        })
     }
 }
 
@@ -259,6 +287,7 @@ pub fn solve(
     if system.b.iter().all(|value| *value == 0.0) {
         return Some(Answer {
             impulse: vec![0.0; system.b.len()],
+            states: system.at_rest(),
             ..Answer::default()
         });
     }
@@ -284,7 +313,7 @@ pub fn solve(
         if let Some(reduced) = presolve::reduce(&view) {
             let mut answer = by_parts(&view, reduced, effort, &limits, start)?;
             answer.elapsed = begun.elapsed();
-            answer.residual = system.residual(&effort.program, &answer.impulse);
+            answer.measure(system, effort);
             let last_word = match effort.method {
                 Method::Sweeps { .. } => answer.residual <= ROUNDED,
                 Method::Exact(_) => false,
@@ -298,8 +327,14 @@ pub fn solve(
         }
     }
     let mut answer = run(system, effort, &limits, start, effort.threads, None)?;
-    answer.residual = system.residual(&effort.program, &answer.impulse);
+    answer.measure(system, effort);
     Some(judged(answer, effort))
+}
+
+impl Answer {
+    fn measure(&mut self, system: System, effort: &Effort) {
+        (self.residual, self.states) = system.measured(&effort.program, &self.impulse);
+    }
 }
 
 /// Solved is what the residual says.
@@ -314,9 +349,7 @@ fn judged(mut answer: Answer, effort: &Effort) -> Answer {
 
 /// The start, or no impulses, where that is a solution.
 fn unchanged(system: System, effort: &Effort, limits: &Limits, start: &[f64]) -> Option<Answer> {
-    let begun = Instant::now();
-    let residual = system.residual(&effort.program, start);
-    kept(system, effort, limits, start, residual, begun)
+    kept(system, effort, limits, start, Instant::now())
 }
 
 /// The same for an exact method where a few sweeps make the start a solution.
@@ -337,26 +370,29 @@ fn nearly(system: System, effort: &Effort, limits: &Limits, start: &[f64]) -> Op
     let interrupted = &|| limits.interrupted();
     let program = &effort.program;
     let swept = sweep(system, program, &settings, Some(start), interrupted, None)?;
-    let residual = system.residual(program, &swept.impulse);
-    kept(system, effort, limits, &swept.impulse, residual, begun)
+    kept(system, effort, limits, &swept.impulse, begun)
 }
 
-/// Impulses that are a solution, or none if they do nothing but hold each other; `residual` is theirs.
+/// Impulses that are a solution, or none if they do nothing but hold each other.
 fn kept(
     system: System,
     effort: &Effort,
     limits: &Limits,
     impulse: &[f64],
-    residual: f64,
     begun: Instant,
 ) -> Option<Answer> {
-    let tolerance = limits.tolerance;
-    let (impulse, residual) = effort
-        .program
-        .settled(system, impulse, residual, tolerance)?;
+    let (residual, states) = system.measured(&effort.program, impulse);
+    if residual > limits.tolerance {
+        return None;
+    }
+    let (impulse, residual, states) = match effort.program.without(system, residual) {
+        None => (impulse.to_vec(), residual, states),
+        Some(without) => (vec![0.0; impulse.len()], without, system.at_rest()),
+    };
     Some(Answer {
         impulse,
         residual,
+        states,
         elapsed: begun.elapsed(),
         history: vec![(0, residual)],
         details: effort.method.details(),
@@ -422,6 +458,7 @@ fn exactly(
             exact::Status::Infeasible => Status::Infeasible,
         },
         residual: report.residual,
+        states: Vec::new(),
         iterations: report.iterations,
         setup: prepared - begun,
         elapsed: prepared.elapsed(),

@@ -88,21 +88,23 @@ impl Stack {
     pub fn velocity_change(&self, impulse: &[f64], change: &mut Vec<Twist>) {
         let mut states = Vec::new();
         self.whitened.gather_compensated(impulse, &mut states);
+        self.unwhitened(&states, change);
+    }
+
+    /// The velocities L w of the bodies.
+    pub fn unwhitened(&self, states: &[f64], velocities: &mut Vec<Twist>) {
         let states = states.chunks_exact(self.layout.columns);
-        change.clear();
-        change.extend(
-            self.roots
-                .iter()
-                .zip(states)
-                .map(|(root, state)| root.twist(state)),
-        );
+        let each = self.roots.iter().zip(states);
+        velocities.clear();
+        velocities.extend(each.map(|(root, state)| root.twist(state)));
     }
 
     /// The contact velocities u = A p - B after the impulses, rows per contact.
     pub fn velocity(&self, impulse: &[f64]) -> Vec<f64> {
-        let (mut states, mut velocity) = (Vec::new(), Vec::new());
+        let (mut states, mut velocity) = (Vec::new(), vec![0.0; self.b.len()]);
         self.whitened.gather(impulse, &mut states);
-        self.whitened.spread(&states, &self.b, &mut velocity);
+        let all = 0..self.contacts();
+        self.whitened.spread(all, &states, &self.b, &mut velocity);
         velocity
     }
 
@@ -222,8 +224,11 @@ pub fn stack(
         )
         .collect();
     let roots = &result.roots;
-    team.each(&mut parts, |part| {
-        part.fill(bodies, roots, motion, layout);
+    team.each(&mut parts, |part| match (rows, columns) {
+        (3, 6) => part.fill::<3, 6>(bodies, roots, motion),
+        (3, _) => part.fill::<3, 3>(bodies, roots, motion),
+        (_, 6) => part.fill::<1, 6>(bodies, roots, motion),
+        _ => part.fill::<1, 3>(bodies, roots, motion),
     });
 }
 
@@ -240,38 +245,43 @@ struct Part<'a> {
 }
 
 impl Part<'_> {
-    fn fill(&mut self, bodies: &Bodies, roots: &[MassRoot], motion: &Motion, layout: Layout) {
-        let Layout { rows, columns } = layout;
-        let area = rows * columns;
-        let (mut blocks, mut whites) = (&mut *self.blocks, &mut *self.white);
+    /// Stack contacts of R rows on bodies of D velocities.
+    fn fill<const R: usize, const D: usize>(
+        &mut self,
+        bodies: &Bodies,
+        roots: &[MassRoot],
+        motion: &Motion,
+    ) {
+        let mut blocks = self.blocks.as_chunks_mut::<D>().0;
+        let mut whites = self.white.as_chunks_mut::<D>().0;
+        let numbers = self.b.as_chunks_mut::<R>().0;
         let (mut pair, mut friction, mut restitution) = ([u32::MAX; 2], 0.0, [0.0; 2]);
-        for (at, contact) in self.contacts.iter().enumerate() {
-            let mut diagonal = [0.0; 3];
+        for (at, (contact, b)) in self.contacts.iter().zip(numbers).enumerate() {
+            let mut diagonal = [0.0; R];
             for (body, sign) in [(contact.bodies[0], -1.0), (contact.bodies[1], 1.0)] {
                 let body = body as usize;
                 if body >= bodies.moving {
                     continue;
                 }
                 let arm = contact.point - motion.poses[body].translation;
-                let MassRoot { linear, angular } = roots[body];
-                let to_root = angular.transpose();
-                let (block, white) = (front(&mut blocks, area), front(&mut whites, area));
-                for (r, sum) in diagonal[..rows].iter_mut().enumerate() {
+                let MassRoot { linear, angular } = &roots[body];
+                let lines = front(&mut blocks, R).iter_mut();
+                let lines = lines.zip(front(&mut whites, R));
+                for (r, (line, white)) in lines.enumerate() {
                     let force = contact.frame[r] * sign;
-                    let whitened = force * linear;
+                    let whitened = force * *linear;
                     let mut square = whitened.length_squared();
-                    let at = r * columns;
-                    block[at..at + 3].copy_from_slice(&force.to_array());
-                    white[at..at + 3].copy_from_slice(&whitened.to_array());
-                    if columns == 6 {
+                    line[..3].copy_from_slice(&force.to_array());
+                    white[..3].copy_from_slice(&whitened.to_array());
+                    if D == 6 {
                         let moment = arm.cross(force);
-                        let entries = (to_root * moment).to_array();
+                        let entries = angular.mul_transpose_vec3(moment).to_array();
                         // One after another: d_i is then the same number, to the last bit, as in Python.
                         square = entries.iter().fold(square, |sum, x| sum + x * x);
-                        block[at + 3..at + 6].copy_from_slice(&moment.to_array());
-                        white[at + 3..at + 6].copy_from_slice(&entries);
+                        line[3..].copy_from_slice(&moment.to_array());
+                        white[3..].copy_from_slice(&entries);
                     }
-                    *sum += square;
+                    diagonal[r] += square;
                 }
             }
             if pair != contact.bodies {
@@ -295,17 +305,17 @@ impl Part<'_> {
             let closing = before.dot(contact.frame[0]);
             let impact = may_bounce && closing < -motion.impact_speed;
             self.impacts[at] = impact;
-            let b = &mut self.b[rows * at..rows * (at + 1)];
             b[0] = if impact && bounce > 0.0 {
                 -normal - bounce * closing
             } else {
                 -normal - contact.gap.max(0.0) / motion.time_step
             };
-            for (b, t) in b[1..].iter_mut().zip(&contact.frame[1..]) {
-                *b = if impact && reversal > 0.0 {
-                    -free.dot(*t) - reversal * before.dot(*t)
+            for r in 1..R {
+                let tangent = contact.frame[r];
+                b[r] = if impact && reversal > 0.0 {
+                    -free.dot(tangent) - reversal * before.dot(tangent)
                 } else {
-                    -free.dot(*t)
+                    -free.dot(tangent)
                 };
             }
         }
@@ -313,19 +323,20 @@ impl Part<'_> {
 }
 
 /// Velocity of b relative to a at the contact point, world frame.
+#[inline]
 pub fn relative_velocity(
     bodies: &Bodies,
     contact: &Contact,
     poses: &[Pose],
     twists: &[Twist],
 ) -> Vector {
-    let [a, b] = contact.bodies.map(|body| {
+    let velocity = |body: u32| {
         let body = body as usize;
         if body >= bodies.moving {
             return Vector::ZERO;
         }
         let arm = contact.point - poses[body].translation;
         twists[body].linear + twists[body].angular.cross(arm)
-    });
-    b - a
+    };
+    velocity(contact.bodies[1]) - velocity(contact.bodies[0])
 }

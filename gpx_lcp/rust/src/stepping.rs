@@ -40,6 +40,8 @@ pub struct Workspace {
     /// Whose pairs detection keeps.
     bodies: Weak<Bodies>,
     free: Vec<Twist>,
+    /// The impulses of the step before that its contacts start from, and those of their rows that the step has.
+    matched: Vec<[f64; 3]>,
     start: Vec<f64>,
 }
 
@@ -110,6 +112,7 @@ pub fn step(
         solved,
         detection,
         free,
+        matched,
         start,
         ..
     } = workspace;
@@ -133,15 +136,20 @@ pub fn step(
     let effort = efforts.of(system);
     let before = instant.touching.as_ref().filter(|_| conditions.warm_start);
     if let Some(before) = before {
-        let impulses = before.start(bodies, contacts, time_step);
+        before.start(bodies, contacts, time_step, matched);
         start.clear();
-        start.extend(impulses.iter().flat_map(|p| &p[..rows]));
+        match rows {
+            3 => start.extend_from_slice(matched.as_flattened()),
+            _ => start.extend(matched.iter().flat_map(|p| &p[..rows])),
+        }
     }
     solved.start_moved = before.map(|_| effort.program.admit(&system.friction, start, rows));
     let start = before.map(|_| start.as_slice());
     solved.answer = solve(system, effort, start, interrupted).ok_or(Failure::Interrupted)?;
-    let impulse = &solved.answer.impulse;
-    moved(world, contacts, system, impulse, &mut workspace.state)?;
+    let Answer {
+        impulse, states, ..
+    } = &solved.answer;
+    moved(world, contacts, system, states, &mut workspace.state)?;
     touching.receive(impulse, rows, time_step);
     Ok(())
 }
@@ -162,12 +170,12 @@ pub fn found(
     .map_err(|_| Failure::Detection)
 }
 
-/// The state after the impulses, rows per contact: velocities first, then poses by them and by what takes out overlap.
+/// The state after the impulses p, from Ĵᵀ p: velocities first, then poses by them and by what takes out overlap.
 pub fn moved(
     world: &World,
     contacts: &[Contact],
     stack: &Stack,
-    impulse: &[f64],
+    states: &[f64],
     next: &mut State,
 ) -> Result<(), Failure> {
     let World {
@@ -177,7 +185,7 @@ pub fn moved(
     let Conditions {
         forces, time_step, ..
     } = &world.conditions;
-    stack.velocity_change(impulse, &mut next.velocities);
+    stack.unwhitened(states, &mut next.velocities);
     for (velocity, free) in next.velocities.iter_mut().zip(&stack.free) {
         *velocity += *free;
     }

@@ -199,7 +199,7 @@ impl Question<'_> {
             elapsed,
             history,
             details: Details::Sweeps(stop),
-            presolve: None,
+            ..Answer::default()
         })
     }
 }

@@ -61,14 +61,19 @@ pub struct Touching {
 }
 
 impl Touching {
-    /// The impulses that contacts of a step of this length may start from: forces last, impulses do not.
-    pub fn start(&self, bodies: &Bodies, contacts: &[Contact], time_step: f64) -> Vec<[f64; 3]> {
-        let mut start = match_impulses(bodies, contacts, &self.contacts, &self.impulses);
+    /// Put the impulses that contacts of a step of this length may start from into `start`: forces last, impulses do not.
+    pub fn start(
+        &self,
+        bodies: &Bodies,
+        contacts: &[Contact],
+        time_step: f64,
+        start: &mut Vec<[f64; 3]>,
+    ) {
+        match_impulses(bodies, contacts, &self.contacts, &self.impulses, start);
         if time_step != self.time_step {
             let ratio = time_step / self.time_step;
             start.iter_mut().flatten().for_each(|value| *value *= ratio);
         }
-        start
     }
 
     /// Take the impulses of the contacts in, rows per contact.
@@ -76,7 +81,10 @@ impl Touching {
         (self.rows, self.time_step) = (rows, time_step);
         let three = |p: &[f64]| std::array::from_fn(|r| p.get(r).copied().unwrap_or(0.0));
         self.impulses.clear();
-        self.impulses.extend(impulse.chunks_exact(rows).map(three));
+        match rows {
+            3 => self.impulses.extend_from_slice(impulse.as_chunks().0),
+            _ => self.impulses.extend(impulse.chunks_exact(rows).map(three)),
+        }
     }
 
     /// Rename the bodies of the contacts; a contact of a body that is no longer there goes.
@@ -164,7 +172,9 @@ impl World {
         failed: bool,
         workspace: &mut Workspace,
     ) -> Result<(), Failure> {
-        moved(self, contacts, stack, impulse, &mut workspace.state)?;
+        let mut states = Vec::new();
+        stack.whitened.gather_compensated(impulse, &mut states);
+        moved(self, contacts, stack, &states, &mut workspace.state)?;
         let touching = workspace.free_touching();
         touching.contacts = contacts.to_vec();
         touching.receive(impulse, stack.layout.rows, self.conditions.time_step);

@@ -139,7 +139,8 @@ pub fn frame(normal: Vector) -> [Vector; 3] {
     [normal, first, normal.cross(first)]
 }
 
-/// Start impulses for `contacts`, world frame turned into theirs: those of the same contact one step before.
+/// Put start impulses for `contacts` into `start`, world frame turned into theirs: those of the same contact one step
+/// before.
 ///
 /// A contact is the same where its bodies are and its features have the same names; a contact whose features are not
 /// found takes the impulse of the nearest one left over in the pair, if that is near.
@@ -148,8 +149,10 @@ pub fn match_impulses(
     contacts: &[Contact],
     previous: &[Contact],
     impulses: &[[f64; 3]],
-) -> Vec<[f64; 3]> {
-    let mut start = vec![[0.0; 3]; contacts.len()];
+    start: &mut Vec<[f64; 3]>,
+) {
+    start.clear();
+    start.resize(contacts.len(), [0.0; 3]);
     let key = |contact: &Contact| (contact.bodies[1], contact.bodies[0]);
     let mut before = 0;
     let mut now = 0;
@@ -171,7 +174,6 @@ pub fn match_impulses(
         );
         (now, before) = (new_end, old_end);
     }
-    start
 }
 
 fn run_length(contacts: &[Contact], same: impl Fn(&Contact) -> bool) -> usize {
@@ -271,6 +273,17 @@ mod tests {
         }
     }
 
+    fn start(
+        bodies: &Bodies,
+        now: &[Contact],
+        previous: &[Contact],
+        impulses: &[[f64; 3]],
+    ) -> Vec<[f64; 3]> {
+        let mut start = Vec::new();
+        match_impulses(bodies, now, previous, impulses, &mut start);
+        start
+    }
+
     #[test]
     fn impulses_follow_the_names_of_features_and_then_the_nearest_point() {
         let previous = [
@@ -284,7 +297,7 @@ mod tests {
             contact([8, 8], 0.9, Vector::Z),  // near nothing
         ];
         let impulses = [[1.0, 0.1, 0.2], [2.0, 0.3, 0.4], [3.0, 0.5, 0.6]];
-        let start = match_impulses(&two_balls(), &now, &previous, &impulses);
+        let start = start(&two_balls(), &now, &previous, &impulses);
         assert_eq!(start, [[2.0, 0.3, 0.4], [3.0, 0.5, 0.6], [0.0; 3]]);
     }
 
@@ -300,7 +313,7 @@ mod tests {
             0.0,
             Vector::new(0.905, 0.0, 0.425).normalize(),
         )];
-        let start = match_impulses(&two_balls(), &now, &previous, &[[1.0, 0.5, -0.25]]);
+        let start = start(&two_balls(), &now, &previous, &[[1.0, 0.5, -0.25]]);
         let world =
             |contact: &Contact, p: [f64; 3]| contact.frame[1] * p[1] + contact.frame[2] * p[2];
         let before = world(&previous[0], [1.0, 0.5, -0.25]);
@@ -321,7 +334,7 @@ mod tests {
         let previous = [other([0, 1]), other([0, 2]), other([2, 3])];
         let now = [other([0, 1]), other([1, 2]), other([2, 3])];
         let impulses = [[1.0, 0.0, 0.0], [2.0, 0.0, 0.0], [3.0, 0.0, 0.0]];
-        let start = match_impulses(&bodies, &now, &previous, &impulses);
+        let start = start(&bodies, &now, &previous, &impulses);
         let normals: Vec<f64> = start.iter().map(|p| p[0]).collect();
         assert_eq!(normals, [1.0, 0.0, 3.0]);
     }

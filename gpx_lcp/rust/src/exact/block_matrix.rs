@@ -1,5 +1,7 @@
 //! Sparse matrices of small dense blocks, one row of blocks per contact, and products with them.
 
+use std::ops::Range;
+
 /// What is wrong with the arrays that describe a matrix.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ShapeError {
@@ -364,11 +366,15 @@ impl BlockMatrix {
         let (lines, states) = (self.values.as_chunks::<D>().0, w.as_chunks_mut::<D>().0);
         for (i, values) in p.as_chunks::<R>().0.iter().enumerate() {
             for block in self.starts[i]..self.starts[i + 1] {
+                let lines = &lines[block * R..][..R];
                 let state = &mut states[self.columns[block] as usize];
-                for (value, line) in values.iter().zip(&lines[block * R..][..R]) {
-                    for d in 0..D {
-                        state[d] += value * line[d];
+                // Added up first: the state may still be on its way from the row before.
+                for d in 0..D {
+                    let mut sum = values[0] * lines[0][d];
+                    for r in 1..R {
+                        sum += values[r] * lines[r][d];
                     }
+                    state[d] += sum;
                 }
             }
         }
@@ -418,17 +424,18 @@ impl BlockMatrix {
         }
     }
 
-    /// u = H w - b, `height` scalars per block row.
-    pub fn spread(&self, w: &[f64], b: &[f64], u: &mut Vec<f64>) {
-        u.clear();
-        u.extend(b.iter().map(|value| -value));
+    /// u = H w - b of these block rows, `height` scalars each.
+    pub fn spread(&self, rows: Range<usize>, w: &[f64], b: &[f64], u: &mut [f64]) {
+        for (value, b) in u.iter_mut().zip(b) {
+            *value = -b;
+        }
         match (self.height, self.width) {
-            (3, 6) => self.spread_sized::<3, 6>(w, u),
-            (1, 6) => self.spread_sized::<1, 6>(w, u),
-            (3, 3) => self.spread_sized::<3, 3>(w, u),
-            (1, 3) => self.spread_sized::<1, 3>(w, u),
+            (3, 6) => self.spread_sized::<3, 6>(rows, w, u),
+            (1, 6) => self.spread_sized::<1, 6>(rows, w, u),
+            (3, 3) => self.spread_sized::<3, 3>(rows, w, u),
+            (1, 3) => self.spread_sized::<1, 3>(rows, w, u),
             (height, width) => {
-                for (i, sums) in u.chunks_exact_mut(height).enumerate() {
+                for (i, sums) in rows.zip(u.chunks_exact_mut(height)) {
                     for (j, block) in self.row(i) {
                         let state = &w[j * width..][..width];
                         for (sum, line) in sums.iter_mut().zip(block.chunks_exact(width)) {
@@ -440,13 +447,23 @@ impl BlockMatrix {
         }
     }
 
-    fn spread_sized<const R: usize, const D: usize>(&self, w: &[f64], u: &mut [f64]) {
+    fn spread_sized<const R: usize, const D: usize>(
+        &self,
+        rows: Range<usize>,
+        w: &[f64],
+        u: &mut [f64],
+    ) {
         let (lines, states) = (self.values.as_chunks::<D>().0, w.as_chunks::<D>().0);
-        for (i, sums) in u.as_chunks_mut::<R>().0.iter_mut().enumerate() {
+        for (i, sums) in rows.zip(u.as_chunks_mut::<R>().0) {
             for block in self.starts[i]..self.starts[i + 1] {
                 let state = &states[self.columns[block] as usize];
                 for (sum, line) in sums.iter_mut().zip(&lines[block * R..][..R]) {
-                    *sum += (0..D).map(|d| line[d] * state[d]).sum::<f64>();
+                    // Two sums side by side, rather than one that waits for itself.
+                    let mut two = [0.0; 2];
+                    for d in 0..D {
+                        two[d % 2] += line[d] * state[d];
+                    }
+                    *sum += two[0] + two[1];
                 }
             }
         }
@@ -567,9 +584,9 @@ mod tests {
         assert_eq!(a.starts, [0, 3, 5, 7]);
         assert_eq!(a.columns, [0, 1, 2, 0, 1, 0, 2]);
         let p = [1.0, -2.0, 0.5, 3.0, -1.0, 4.0];
-        let (mut w, mut u, mut product) = (Vec::new(), Vec::new(), vec![[0.0; 3]; 3]);
+        let (mut w, mut u, mut product) = (Vec::new(), [0.0; 6], vec![[0.0; 3]; 3]);
         h.gather(&p, &mut w);
-        h.spread(&w, &[0.0; 6], &mut u);
+        h.spread(0..h.block_rows(), &w, &[0.0; 6], &mut u);
         a.times(&p, &mut product);
         let product: Vec<f64> = product.iter().flat_map(|u| &u[..2]).copied().collect();
         assert_eq!(product, u);

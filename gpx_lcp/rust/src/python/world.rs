@@ -286,11 +286,12 @@ impl World {
     ) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
         let now = self.now();
         let time_step = now.conditions.time_step;
-        let before = now.instant.touching.as_ref();
-        let start = before.map(|before| before.start(&now.bodies, &contacts.contacts, time_step));
-        start
-            .map(|start| table(py, start.into_flattened(), 3))
-            .transpose()
+        let start = now.instant.touching.as_ref().map(|before| {
+            let mut start = Vec::new();
+            before.start(&now.bodies, &contacts.contacts, time_step, &mut start);
+            table(py, start.into_flattened(), 3)
+        });
+        start.transpose()
     }
 
     /// End a step that was solved elsewhere, with impulses (n, rows); `unsolved` where above the tolerance.
