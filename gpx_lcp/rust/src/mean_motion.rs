@@ -50,18 +50,35 @@ pub fn mean_motion(
             steady[islands.of(body)] = false;
         }
     }
+    // How far apart the mean and the velocities after the step take each body, and how far they turn it.
+    let apart = motion.iter().zip(after).map(|(mean, after)| {
+        let linear = time_step * mean.linear.distance(after.linear);
+        [linear, time_step * mean.angular.distance(after.angular)]
+    });
+    let apart: Vec<[f64; 2]> = apart.collect();
     for pair in of_pairs(contacts) {
         let [a, b] = pair[0].bodies;
         let island = islands.of(a.min(b) as usize);
         if steady[island] {
             let rounding = ROUNDING * bodies.size([a, b]);
+            // A point of contact is within a body's bound and half the gap of its centre. What is far less apart there
+            // than counts, as it is at rest, need not be looked at.
+            let (mut shift, mut turn) = (0.0, 0.0);
+            for body in [a as usize, b as usize] {
+                if let Some([linear, angular]) = apart.get(body) {
+                    shift += linear + angular * bodies.bound(body);
+                    turn += angular;
+                }
+            }
+            let counts = |contact: &Contact| shift + turn * contact.gap.abs() > 0.5 * rounding;
             let end = |contact: &Contact, twists: &[Twist]| {
                 let velocity = relative_velocity(bodies, contact, &state.poses, twists);
                 contact.gap + time_step * velocity.dot(contact.frame[0])
             };
             // The mean ends in overlap that the velocities after the step do not make.
-            let is_driven_in =
-                |contact: &Contact| end(contact, &motion) < end(contact, after).min(0.0) - rounding;
+            let is_driven_in = |contact: &Contact| {
+                counts(contact) && end(contact, &motion) < end(contact, after).min(0.0) - rounding
+            };
             steady[island] = !pair.iter().any(is_driven_in);
         }
     }

@@ -99,7 +99,8 @@ fn half_space_convex(
     if height - convex.bound > prediction {
         return None;
     }
-    let feature = convex.feature(pose_b.rotation.inverse() * -normal);
+    let mut feature = Feature::default();
+    convex.feature(pose_b.rotation.inverse() * -normal, &mut feature);
     for (&corner, &id) in feature.points.iter().zip(&feature.ids) {
         let surface = pose_b.transform_point(corner) - normal * convex.border;
         let gap = (surface - pose_a.translation).dot(normal);
@@ -177,8 +178,9 @@ fn convex_convex(
             (pose_a, found.normal)
         }
         Origin::Points(pa, pb) => {
-            let feature_a = a.feature(found.normal);
-            let feature_b = feature_in(b, &b_in_a, -found.normal);
+            let (mut feature_a, mut feature_b) = (Feature::default(), Feature::default());
+            a.feature(found.normal, &mut feature_a);
+            feature_in(b, &b_in_a, -found.normal, &mut feature_b);
             match overlap(&feature_a, &feature_b, found.normal) {
                 Some(ends) => points.extend(ends),
                 None => points.push(Point {
@@ -201,14 +203,13 @@ fn convex_convex(
     (!points.is_empty()).then(|| turn * normal)
 }
 
-/// The face or edge of a shape in this pose that looks along a unit direction.
-fn feature_in(shape: &Convex, pose: &Pose, direction: Vector) -> Feature {
+/// Put the face or edge of a shape in this pose that looks along a unit direction into `feature`.
+fn feature_in(shape: &Convex, pose: &Pose, direction: Vector, feature: &mut Feature) {
     let turn = Matrix::from_quat(pose.rotation);
-    let mut feature = shape.feature(turn.mul_transpose_vec3(direction));
+    shape.feature(turn.mul_transpose_vec3(direction), feature);
     for point in &mut feature.points {
         *point = turn * *point + pose.translation;
     }
-    feature
 }
 
 /// The part of `other`, in this pose, that lies over a face of `reference`, as contact points in the frame of `reference`
@@ -229,18 +230,17 @@ fn clip(
         side: FeatureId,
     }
     let Face { plane, sides, .. } = &reference.faces[face];
-    let incident = feature_in(other, pose, -plane.normal);
-    let named = incident.points.iter().zip(&incident.ids).enumerate();
-    let mut corners: Few<Corner> = named
-        .map(|(k, (&at, &id))| Corner {
+    let mut incident = Feature::default();
+    feature_in(other, pose, -plane.normal, &mut incident);
+    let (mut corners, mut kept) = (&mut Few::new(), &mut Few::new());
+    for (k, (&at, &id)) in incident.points.iter().zip(&incident.ids).enumerate() {
+        corners.push(Corner {
             at,
             features: [face_id(face), id],
             side: edge_id(incident.face, k),
-        })
-        .collect();
+        });
+    }
     let closed = corners.len() > 2;
-    let mut kept = Few::new();
-    let (mut corners, mut kept) = (&mut corners, &mut kept);
     for (side, plane) in sides.iter().enumerate() {
         if corners
             .iter()
@@ -363,4 +363,43 @@ fn outermost_edge(
         }
     }
     best
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::contact::samples::Uniform;
+    use parry3d_f64::math::Rotation;
+
+    #[test]
+    fn what_is_named_the_other_way_round_touches_in_the_same_points() {
+        let mut random = Uniform(11);
+        let (mut patches, mut points, mut mirrored) = (0, Few::new(), Few::new());
+        for _ in 0..3000 {
+            let mut any = || Vector::from_array(random.vector());
+            let [a, b] =
+                [any(), any()].map(|v| Solid::Convex(Convex::cuboid(v * 0.5 + Vector::splat(0.7))));
+            let [pose_a, pose_b] = [0.0, 1.0].map(|far| {
+                let turn = Rotation::from_scaled_axis(any() * 0.1);
+                Pose::from_parts(Vector::Z * (1.2 * far) + any() * 0.2, turn)
+            });
+            let normal = manifold(&a, &pose_a, &b, &pose_b, 0.1, &mut points);
+            let other = manifold(&b, &pose_b, &a, &pose_a, 0.1, &mut mirrored);
+            let (Some(normal), Some(other)) = (normal, other) else {
+                assert_eq!(normal, other);
+                continue;
+            };
+            assert!((normal + other).length() < 1e-12);
+            assert_eq!(points.len(), mirrored.len());
+            patches += usize::from(points.len() > 2);
+            for point in &points {
+                let [on_a, on_b] = point.features;
+                let same = |other: &&Point| other.features == [on_b, on_a];
+                let other = mirrored.iter().find(same).unwrap();
+                assert!(point.position.distance(other.position) < 1e-12);
+                assert!((point.gap - other.gap).abs() < 1e-12);
+            }
+        }
+        assert!(patches > 100, "{patches} patches");
+    }
 }

@@ -265,6 +265,7 @@ fn nearest_points(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::contact::samples::Uniform;
     use parry3d_f64::math::Rotation;
 
     fn cube() -> Convex {
@@ -327,5 +328,39 @@ mod tests {
             assert!((lying * found.normal - Vector::Z).length() < 1e-12);
             assert!((found.gap - gap).abs() < 1e-12);
         }
+    }
+
+    #[test]
+    fn boxes_are_as_far_apart_as_polyhedra_with_their_corners() {
+        let mut random = Uniform(10);
+        let (mut faces, mut edges) = (0, 0);
+        for _ in 0..3000 {
+            let mut any = || Vector::from_array(random.vector());
+            let [a, b] = [any(), any()].map(|v| Convex::cuboid(v * 0.5 + Vector::splat(0.7)));
+            let (offset, turn) = (any() * 2.0, Rotation::from_scaled_axis(any() * 3.0));
+            let pose = Pose::from_parts(offset, turn);
+            let found = separation(&a, &b, &pose, 0.1);
+            let [general_a, general_b] = [&a, &b].map(|convex| {
+                let mut convex = convex.clone();
+                if let Core::Polytope(polytope) = &mut convex.core {
+                    polytope.half = None;
+                }
+                convex
+            });
+            let general = separation(&general_a, &general_b, &pose, 0.1);
+            let (Some(found), Some(general)) = (&found, &general) else {
+                assert_eq!(found.is_some(), general.is_some());
+                continue;
+            };
+            assert!((found.gap - general.gap).abs() < 1e-5);
+            if found.origin == general.origin {
+                assert!(found.normal.distance(general.normal) < 1e-12);
+            }
+            match found.origin {
+                Origin::Edges(..) => edges += 1,
+                _ => faces += 1,
+            }
+        }
+        assert!(faces > 300 && edges > 100, "{faces} faces, {edges} edges");
     }
 }

@@ -7,7 +7,7 @@ use parry3d_f64::query::PointQuery;
 use parry3d_f64::shape::{
     ConvexPolyhedron, Cuboid, Cylinder as AxisYCylinder, Segment, SharedShape, SupportMap,
 };
-use smallvec::{SmallVec, smallvec};
+use smallvec::SmallVec;
 
 /// Corners of the polygon that stands for the flat cap of a cylinder; all of them lie on its rim.
 const CAP_CORNERS: usize = 8;
@@ -76,8 +76,9 @@ pub struct Polytope {
 #[derive(Clone)]
 pub struct Face {
     pub plane: Plane,
-    /// Vertices in counter-clockwise order seen from outside.
-    pub vertices: Vec<u32>,
+    /// Vertices in counter-clockwise order seen from outside, and their names.
+    corners: Vec<Vector>,
+    ids: Vec<FeatureId>,
     /// Through the side from each vertex to the next, at right angles to the face.
     pub sides: Vec<Plane>,
 }
@@ -94,11 +95,22 @@ pub struct Plane {
 pub type Few<T> = SmallVec<[T; CAP_CORNERS]>;
 
 /// The polygon (three points or more) or the edge (two) of a shape that looks along a direction.
+#[derive(Default)]
 pub struct Feature {
     pub points: Few<Vector>,
     pub ids: Few<FeatureId>,
     /// The number of the face; of an edge, one that no face has.
     pub face: usize,
+}
+
+impl Feature {
+    fn set(&mut self, points: &[Vector], ids: &[FeatureId], face: usize) {
+        self.points.clear();
+        self.points.extend_from_slice(points);
+        self.ids.clear();
+        self.ids.extend_from_slice(ids);
+        self.face = face;
+    }
 }
 
 impl Plane {
@@ -115,8 +127,7 @@ impl Plane {
 }
 
 impl Face {
-    /// The face with these corners, the vertices of these numbers.
-    fn new(normal: Vector, corners: &[Vector], vertices: Vec<u32>) -> Self {
+    fn new(normal: Vector, corners: &[Vector], ids: Vec<FeatureId>) -> Self {
         let ends = corners.iter().cycle().skip(1);
         // Seen from outside the face runs counter-clockwise, so that the inside is on the left.
         let sides = corners.iter().zip(ends).map(|(&start, &end)| {
@@ -125,7 +136,8 @@ impl Face {
         Self {
             plane: Plane::through(corners[0], normal),
             sides: sides.collect(),
-            vertices,
+            corners: corners.to_vec(),
+            ids,
         }
     }
 }
@@ -240,18 +252,11 @@ impl Convex {
         half: Option<Vector>,
         surface: SharedShape,
     ) -> Self {
-        let corners = |vertices: &[u32]| -> Vec<Vector> {
-            vertices.iter().map(|&v| points[v as usize]).collect()
-        };
-        let faces: Vec<Face> = faces
-            .into_iter()
-            .map(|(normal, vertices)| Face::new(normal, &corners(&vertices), vertices))
-            .collect();
         let mut edge_directions: Vec<Vector> = Vec::new();
         let mut edges = Vec::new();
-        for face in &faces {
-            for (side, &start) in face.vertices.iter().enumerate() {
-                let end = face.vertices[(side + 1) % face.vertices.len()];
+        for (_, vertices) in &faces {
+            for (side, &start) in vertices.iter().enumerate() {
+                let end = vertices[(side + 1) % vertices.len()];
                 if start > end {
                     continue; // the neighbouring face lists the same edge the other way round
                 }
@@ -265,6 +270,15 @@ impl Convex {
                 }
             }
         }
+        let faces = faces.iter().map(|(normal, vertices)| {
+            let corners: Vec<Vector> = vertices.iter().map(|&v| points[v as usize]).collect();
+            Face::new(
+                *normal,
+                &corners,
+                vertices.iter().map(|v| VERTEX | v).collect(),
+            )
+        });
+        let faces = faces.collect();
         let bound = points.iter().map(|p| p.length()).fold(0.0, f64::max);
         Convex {
             core: Core::Polytope(Polytope {
@@ -293,7 +307,8 @@ impl Convex {
     /// A cylinder along z.
     pub fn cylinder(radius: f64, half_length: f64) -> Self {
         let cap = |normal| {
-            let feature = cylinder_feature(radius, half_length, normal);
+            let mut feature = Feature::default();
+            cylinder_feature(radius, half_length, normal, &mut feature);
             Face::new(normal, &feature.points, feature.ids.to_vec())
         };
         Convex {
@@ -312,10 +327,10 @@ impl Convex {
         self.core.local_support_point(direction) + direction * self.border
     }
 
-    /// The face or edge of the core that looks along a unit direction.
-    pub fn feature(&self, direction: Vector) -> Feature {
+    /// Put the face or edge of the core that looks along a unit direction into `feature`.
+    pub fn feature(&self, direction: Vector, feature: &mut Feature) {
         match &self.core {
-            Core::Polytope(polytope) => {
+            Core::Polytope(_) => {
                 let mut best = 0;
                 let mut height = f64::NEG_INFINITY;
                 for (index, face) in self.faces.iter().enumerate() {
@@ -324,25 +339,17 @@ impl Convex {
                         (best, height) = (index, along);
                     }
                 }
-                let vertices = &self.faces[best].vertices;
-                Feature {
-                    points: vertices
-                        .iter()
-                        .map(|&v| polytope.points[v as usize])
-                        .collect(),
-                    ids: vertices.iter().map(|v| VERTEX | v).collect(),
-                    face: best,
-                }
+                let face = &self.faces[best];
+                feature.set(&face.corners, &face.ids, best);
             }
-            Core::Segment { half_length } => Feature {
-                points: smallvec![Vector::Z * -half_length, Vector::Z * *half_length],
-                ids: smallvec![VERTEX, VERTEX | 1],
-                face: 0,
-            },
+            Core::Segment { half_length } => {
+                let ends = [Vector::Z * -half_length, Vector::Z * *half_length];
+                feature.set(&ends, &[VERTEX, VERTEX | 1], 0);
+            }
             Core::Cylinder {
                 radius,
                 half_length,
-            } => cylinder_feature(*radius, *half_length, direction),
+            } => cylinder_feature(*radius, *half_length, direction, feature),
         }
     }
 
@@ -376,7 +383,7 @@ fn swapped(v: Vector) -> Vector {
 
 /// The side of a cylinder towards a direction as one segment, or a cap as a polygon with a corner at the direction's
 /// azimuth, which is where a tilted cylinder touches.
-fn cylinder_feature(radius: f64, half_length: f64, direction: Vector) -> Feature {
+fn cylinder_feature(radius: f64, half_length: f64, direction: Vector, feature: &mut Feature) {
     let radial = direction.truncate();
     let azimuth = if radial.length() > 1e-6 {
         radial.normalize()
@@ -385,30 +392,23 @@ fn cylinder_feature(radius: f64, half_length: f64, direction: Vector) -> Feature
     };
     if direction.z.abs() < CAP_COSINE {
         let foot = (azimuth * radius).extend(-half_length);
-        return Feature {
-            points: smallvec![foot, foot + Vector::Z * (2.0 * half_length)],
-            ids: smallvec![VERTEX, VERTEX | 1],
-            face: 2,
-        };
+        let ends = [foot, foot + Vector::Z * (2.0 * half_length)];
+        return feature.set(&ends, &[VERTEX, VERTEX | 1], 2);
     }
     let up = direction.z > 0.0;
     let turn = if up { 1.0 } else { -1.0 };
-    let points = (0..CAP_CORNERS)
-        .map(|corner| {
-            let angle = turn * std::f64::consts::TAU * corner as f64 / CAP_CORNERS as f64;
-            let (sine, cosine) = angle.sin_cos();
-            let x = azimuth.x * cosine - azimuth.y * sine;
-            let y = azimuth.x * sine + azimuth.y * cosine;
-            Vector::new(x * radius, y * radius, turn * half_length)
-        })
-        .collect();
     let face = if up { 0 } else { 1 };
-    let ids = (0..CAP_CORNERS).map(|c| VERTEX | ((face + 1) << 8 | c) as u32);
-    Feature {
-        points,
-        ids: ids.collect(),
-        face,
-    }
+    let corner = |corner: usize| {
+        let angle = turn * std::f64::consts::TAU * corner as f64 / CAP_CORNERS as f64;
+        let (sine, cosine) = angle.sin_cos();
+        let x = azimuth.x * cosine - azimuth.y * sine;
+        let y = azimuth.x * sine + azimuth.y * cosine;
+        Vector::new(x * radius, y * radius, turn * half_length)
+    };
+    let corners: [Vector; CAP_CORNERS] = std::array::from_fn(corner);
+    let id = |corner: usize| VERTEX | ((face + 1) << 8 | corner) as u32;
+    let ids: [FeatureId; CAP_CORNERS] = std::array::from_fn(id);
+    feature.set(&corners, &ids, face);
 }
 
 impl SupportMap for Core {
