@@ -39,6 +39,8 @@ class Setting:
         Whether there is nothing to follow: a solver without a simulation around it, or one that costs too much there.
     careful : bool
         Whether it is the most careful of its solver's settings; where none is, that is the one of most effort.
+    not_large : bool
+        Whether it cannot be asked on scenes of thousands of contacts.
     """
 
     engine: str
@@ -49,6 +51,7 @@ class Setting:
     options: Mapping[str, Any] = field(default_factory=dict)
     first_step_only: bool = False
     careful: bool = False
+    not_large: bool = False
 
     @property
     def line(self) -> tuple[str, str, str]:

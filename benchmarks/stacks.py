@@ -64,6 +64,8 @@ class StackScene:
 
     def wants(self, setting: Setting) -> bool:
         """Whether a setting is run on this scene."""
+        if self.large and setting.not_large:
+            return False
         return self.charted or not (setting.first_step_only or setting.formulation == "normal")
 
     def gravity(self) -> Callable[[float], Array] | None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import gpx_lcp as gpx
+from benchmarks import stacks
 from benchmarks.bodies import Bodies
 from benchmarks.engines import ENGINES
 from benchmarks.engines import pybullet as pybullet_module
@@ -31,6 +32,14 @@ def first_step(engine, scene, setting) -> tuple[Measures, object]:
         return measure(bodies, before, simulation.motion(), simulation.contacts(), DT), simulation.facts()
     finally:
         simulation.close()
+
+
+def test_what_crashes_on_large_scenes_is_not_asked_there():
+    def asked(scene: str) -> set[str]:
+        return {setting.solver for setting in PyBullet().settings(False) if stacks.SCENES[scene].wants(setting)}
+
+    assert asked("pyramid-100") == {"SI", "SI (as shipped)"}
+    assert asked("wall-20") == {"SI", "SI (as shipped)", "MLCP-PGS", "MLCP-Dantzig"}
 
 
 def bullet(solver: str, kind: int, sweeps: int = 2000, **parameters: float) -> Setting:

@@ -287,8 +287,8 @@ def test_same_input_gives_the_same_bits():
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize("acceleration", [False, True])
 def test_number_of_threads_changes_no_bit(formulation, acceleration):
-    """A pyramid of 7 has colours of several hundred contacts: work for all of the threads."""
-    system = gpx.World(gpx.scenes.pyramid(7), 1 / 240).system()
+    """A pyramid of 33 has 4 356 contacts: work for all of the threads."""
+    system = gpx.World(gpx.scenes.pyramid(33), 1 / 240).system()
     effort = {"max_iterations": 25, "acceleration": acceleration}
     alone, *teams = (pgs(system, formulation, threads=threads, **effort) for threads in (1, 2, 4))
     for solution in teams:
@@ -297,7 +297,8 @@ def test_number_of_threads_changes_no_bit(formulation, acceleration):
 
 
 def test_number_of_threads_changes_no_bit_of_a_world():
-    worlds = [gpx.World(gpx.scenes.pyramid(6), 1 / 240, solver="pgs", iterations=20, threads=t) for t in (1, 2)]
+    """A pyramid of 24 has 300 boxes and 2 304 contacts: work for two threads."""
+    worlds = [gpx.World(gpx.scenes.pyramid(24), 1 / 240, solver="pgs", iterations=20, threads=t) for t in (1, 2)]
     for world in worlds:
         world.step(10)
     assert worlds[0].positions.tobytes() == worlds[1].positions.tobytes()

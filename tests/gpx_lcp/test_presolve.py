@@ -330,10 +330,10 @@ def test_islands_do_not_depend_on_the_number_of_threads(solver):
 
 @pytest.mark.parametrize("formulation", ["normal", "cone", "coulomb"])
 def test_threads_share_a_large_part_and_small_ones_alike(formulation):
-    """One island that is most of the system, swept by all threads, beside some that are handed out."""
+    """One island of 2 800 contacts that is most of the system, swept by threads, beside some that are handed out."""
     scene = islands(6)
     for level in range(40):
-        for place in range(6):
+        for place in range(12):
             scene.add_rigid(gpx.Box(1, 1, 1), 1.0, position=(20.0 + place, 20.0, 0.5 + level), velocity=(0, 0, -level))
     system = gpx.World(scene, time_step=1 / 240).system()
     effort = {"solver": "pgs", "max_iterations": 30, "tolerance": 1e-15}

@@ -13,6 +13,9 @@ use crate::stacking::{Motion, Stack, stack};
 use crate::team::Team;
 use crate::world::{Conditions, Touching, World};
 
+/// Bodies of each thread that finds and stacks contacts, at least: a thread takes as long to start as they take.
+const WORTH_A_THREAD: usize = 128;
+
 /// How a step is solved whose contacts have friction, and one whose contacts have none.
 #[derive(Clone)]
 pub struct Efforts {
@@ -128,7 +131,8 @@ pub fn step(
         time_step,
         impact_speed: conditions.impact_speed,
     };
-    Team::with(efforts.threads(), |team| {
+    let threads = Team::worth(efforts.threads(), bodies.moving, WORTH_A_THREAD);
+    Team::with(threads, |team| {
         found(world, detection, free, contacts, team)?;
         stack(bodies, contacts, &motion, conditions.layout, system, team);
         Ok(())

@@ -80,6 +80,11 @@ impl Team<'_, '_> {
         })
     }
 
+    /// How many of these threads to make a team of, where each must have so much of the work to gain by it.
+    pub fn worth(threads: usize, work: usize, each: usize) -> usize {
+        threads.min(work / each).max(1)
+    }
+
     /// Whether there is no other thread to share work with.
     pub fn is_alone(&self) -> bool {
         self.scope.is_none()
