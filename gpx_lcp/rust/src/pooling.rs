@@ -137,8 +137,7 @@ impl<'a> Swept<'a> {
         effort: &Effort,
         before: usize,
     ) {
-        let (system, program) = (System::of(self.part, &self.scale), &effort.program);
-        let residual = alone.unwrap_or_else(|| system.residual(program, impulse));
+        let residual = alone.unwrap_or_else(|| self.residual(impulse, effort));
         let history = &mut self.answer.history;
         history.extend(found.history.iter().map(|&(k, r)| (before + k, r)));
         self.answer.impulse.copy_from_slice(impulse);
@@ -146,7 +145,7 @@ impl<'a> Swept<'a> {
         self.answer.iterations = before + found.iterations;
         self.answer.status = found.status;
         self.answer.details = found.details.clone();
-        self.leaves = residual * residual * self.weight;
+        self.leaves = self.left(residual);
         if alone.is_none() && matches!(found.status, Status::Stalled | Status::NumericalError) {
             (self.apart, self.answer.status) = (true, Status::MaxIterations);
         }
@@ -164,9 +163,12 @@ impl<'a> Swept<'a> {
         leaves <= DONE * self.allowed
     }
 
-    /// e of these impulses.
-    fn leaves(&self, impulse: &[f64], effort: &Effort) -> f64 {
-        let residual = System::of(self.part, &self.scale).residual(&effort.program, impulse);
+    fn residual(&self, impulse: &[f64], effort: &Effort) -> f64 {
+        System::of(self.part, &self.scale).residual(&effort.program, impulse)
+    }
+
+    /// e of impulses with this residual.
+    fn left(&self, residual: f64) -> f64 {
         residual * residual * self.weight
     }
 
@@ -239,7 +241,8 @@ impl<'a> Pool<'a> {
         let (mut rest, mut left) = (impulse, 0);
         for one in self.members.iter().map(|&k| &all[k]) {
             let own = rest.split_off(..one.part.b.len());
-            if !one.is_done(one.leaves(own.expect("impulses of all members"), effort)) {
+            let residual = one.residual(own.expect("impulses of all members"), effort);
+            if !one.is_done(one.left(residual)) {
                 left += one.part.friction.len();
             }
         }

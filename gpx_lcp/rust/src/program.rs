@@ -8,6 +8,7 @@ use crate::contact::Law;
 use crate::exact;
 use crate::friction_cone::{ConvexCone, Coulomb, project};
 use crate::polygon::Polygon;
+use crate::presolve::size;
 use crate::small_matrix::{Vector, dot};
 use crate::solving::System;
 
@@ -197,20 +198,6 @@ fn project_pyramid(friction: f64, corners: &[[f64; 2]], x: &[f64; 3]) -> [f64; 3
 
 fn largest(values: impl Iterator<Item = f64>) -> f64 {
     values.fold(0.0, |most, value| most.max(value.abs()))
-}
-
-/// ‖x‖
-fn size(x: &[f64]) -> f64 {
-    // Four sums at a time, rather than each waiting for the one before.
-    let (fours, rest) = x.as_chunks::<4>();
-    let mut sums = [0.0; 4];
-    for four in fours {
-        for (sum, x) in sums.iter_mut().zip(four) {
-            *sum += x * x;
-        }
-    }
-    let rest = rest.iter().map(|x| x * x);
-    sums.into_iter().chain(rest).sum::<f64>().sqrt()
 }
 
 /// What the natural maps of all contacts are worked out from.

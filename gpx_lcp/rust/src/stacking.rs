@@ -81,17 +81,7 @@ impl Stack {
         self.friction.iter().any(|friction| *friction != 0.0)
     }
 
-    /// What the impulses, rows per contact, add to the velocities of the bodies: M⁻¹ Jᵀ p = L Ĵᵀ p.
-    ///
-    /// Impulses that mirror each other cancel to the last bit, so that what moves in a plane stays in it: presolve, which
-    /// solves in that plane, looks for it again in every step.
-    pub fn velocity_change(&self, impulse: &[f64], change: &mut Vec<Twist>) {
-        let mut states = Vec::new();
-        self.whitened.gather_compensated(impulse, &mut states);
-        self.unwhitened(&states, change);
-    }
-
-    /// The velocities L w of the bodies.
+    /// The velocities L w of the bodies; of w = Ĵᵀ p, what the impulses p add to them.
     pub fn unwhitened(&self, states: &[f64], velocities: &mut Vec<Twist>) {
         let states = states.chunks_exact(self.layout.columns);
         let each = self.roots.iter().zip(states);

@@ -381,7 +381,8 @@ impl BlockMatrix {
     }
 
     /// The same, and what each sum loses to rounding is added in the end: terms that cancel in pairs leave nothing, whatever
-    /// order they come in.
+    /// order they come in. So impulses that mirror each other cancel to the last bit, and what moves in a plane stays in it:
+    /// presolve, which solves in that plane, looks for it again in every step.
     ///
     /// Source: T. Ogita, S. M. Rump, S. Oishi, *Accurate sum and dot product*, SIAM J. Sci. Comput. 26 (2005), algorithm
     /// Sum2, of rounded products.
