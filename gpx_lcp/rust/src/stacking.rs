@@ -89,15 +89,6 @@ impl Stack {
         velocities.extend(each.map(|(root, state)| root.twist(state)));
     }
 
-    /// The contact velocities u = A p - B after the impulses, rows per contact.
-    pub fn velocity(&self, impulse: &[f64]) -> Vec<f64> {
-        let (mut states, mut velocity) = (Vec::new(), vec![0.0; self.b.len()]);
-        self.whitened.gather(impulse, &mut states);
-        let all = 0..self.contacts();
-        self.whitened.spread(all, &states, &self.b, &mut velocity);
-        velocity
-    }
-
     /// M⁻¹ body by body, world frame, as blocks of columns × columns.
     pub fn inverse_mass(&self) -> Vec<f64> {
         let columns = self.layout.columns;
