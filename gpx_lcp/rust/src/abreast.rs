@@ -12,8 +12,8 @@ use crate::colouring::NONE;
 use crate::contact::{Contact, Law};
 use crate::delassus::Sweeper;
 #[cfg(target_arch = "x86_64")]
-use crate::lanes::x86_64::{Pair, Wide};
-use crate::lanes::{EightLanes, LANES, Oct, Portable};
+use crate::lanes::x86_64::{Quad, Wide, has_quads};
+use crate::lanes::{LANES, Oct, OctLanes, Portable};
 use crate::small_matrix::Vector;
 use crate::team::{Team, front};
 
@@ -271,12 +271,15 @@ impl<'a, const R: usize, const D: usize, L: Law<R>> Abreast<'a, R, D, L> {
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
-fn perform_paired<const R: usize, const D: usize, L: Law<R>>(
+fn perform_by_quads<const R: usize, const D: usize, L: Law<R>>(
     work: &Work<R, D, L>,
     task: Task,
     part: Range<usize>,
 ) {
-    work.perform::<Pair>(task, part);
+    for number in part {
+        work.perform::<Quad<0>>(task, number);
+        work.perform::<Quad<4>>(task, number);
+    }
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -286,7 +289,9 @@ fn perform_wide<const R: usize, const D: usize, L: Law<R>>(
     task: Task,
     part: Range<usize>,
 ) {
-    work.perform::<Wide>(task, part);
+    for number in part {
+        work.perform::<Wide>(task, number);
+    }
 }
 
 /// Inlined, with all it calls in a sweep, so that it is compiled for the processor of the function around it.
@@ -300,39 +305,31 @@ impl<const R: usize, const D: usize, L: Law<R>> Work<'_, R, D, L> {
         #[cfg(target_arch = "x86_64")]
         if Wide::available() {
             return unsafe { perform_wide(self, task, part) };
-        } else if Pair::available() {
-            return unsafe { perform_paired(self, task, part) };
-        }
-        self.perform::<Portable>(task, part);
-    }
-
-    #[inline(always)]
-    fn perform<V: EightLanes>(&self, task: Task, part: Range<usize>) {
-        if let Task::Carry { beta } = task {
-            return self.carry::<V>(part, beta);
+        } else if has_quads() {
+            return unsafe { perform_by_quads(self, task, part) };
         }
         for number in part {
-            let batch = &self.batches[number];
-            match task {
-                Task::Sweep {
-                    relaxation,
-                    momentum,
-                } => self.visit::<V>(number, batch, relaxation, momentum),
-                Task::Gather => self.gather::<V>(batch),
-                Task::Judge => self.judge::<V>(number, batch),
-                Task::Carry { .. } => {}
-            }
+            self.perform::<Portable>(task, number);
+        }
+    }
+
+    /// Do a task for the lanes of a batch, or of a state.
+    #[inline(always)]
+    fn perform<V: OctLanes>(&self, task: Task, number: usize) {
+        match task {
+            Task::Sweep {
+                relaxation,
+                momentum,
+            } => self.visit::<V>(number, relaxation, momentum),
+            Task::Gather => self.gather::<V>(number),
+            Task::Judge => self.judge::<V>(number),
+            Task::Carry { beta } => self.carry::<V>(number, beta),
         }
     }
 
     #[inline(always)]
-    fn visit<V: EightLanes>(
-        &self,
-        number: usize,
-        batch: &Batch,
-        relaxation: f64,
-        momentum: Option<f64>,
-    ) {
+    fn visit<V: OctLanes>(&self, number: usize, relaxation: f64, momentum: Option<f64>) {
+        let batch = &self.batches[number];
         let mut states = self.load::<V>(self.states, batch);
         let mut agreement = V::splat(0.0);
         for at in batch.visits.clone() {
@@ -369,7 +366,8 @@ impl<const R: usize, const D: usize, L: Law<R>> Work<'_, R, D, L> {
     }
 
     #[inline(always)]
-    fn gather<V: EightLanes>(&self, batch: &Batch) {
+    fn gather<V: OctLanes>(&self, number: usize) {
+        let batch = &self.batches[number];
         // SAFETY: the visits of this batch are this thread's.
         self.gather_of::<V>(batch, self.states, |at| unsafe {
             &(*self.visits.add(at)).impulse
@@ -384,7 +382,7 @@ impl<const R: usize, const D: usize, L: Law<R>> Work<'_, R, D, L> {
 
     /// Add Ĵᵀ times some impulses, by visit, to some states.
     #[inline(always)]
-    fn gather_of<'s, V: EightLanes>(
+    fn gather_of<'s, V: OctLanes>(
         &'s self,
         batch: &Batch,
         states: *mut State,
@@ -403,9 +401,12 @@ impl<const R: usize, const D: usize, L: Law<R>> Work<'_, R, D, L> {
     }
 
     #[inline(always)]
-    fn judge<V: EightLanes>(&self, number: usize, batch: &Batch) {
+    fn judge<V: OctLanes>(&self, number: usize) {
+        let batch = &self.batches[number];
         let states = self.load::<V>(self.states, batch);
-        let mut sums = Oct::default();
+        // SAFETY: this batch is this thread's.
+        let sums = unsafe { &mut *self.numbers.add(number) };
+        V::splat(0.0).store(sums);
         for at in batch.visits.clone() {
             // SAFETY: as above; nobody writes to a state meanwhile.
             let visit = unsafe { &*self.visits.add(at) };
@@ -422,32 +423,29 @@ impl<const R: usize, const D: usize, L: Law<R>> Work<'_, R, D, L> {
             }
             let mut squares = Oct::default();
             square.store(&mut squares);
-            for lane in 0..LANES {
+            for lane in V::HELD {
                 // Rows that are shared move in lanes without a contact, too.
                 if self.contacts[at][lane] != NONE {
                     sums.0[lane] += squares.0[lane];
                 }
             }
         }
-        unsafe { *self.numbers.add(number) = sums };
     }
 
     #[inline(always)]
-    fn carry<V: EightLanes>(&self, states: Range<usize>, beta: f64) {
-        for at in states {
-            // SAFETY: these states are this thread's.
-            let (state, before) =
-                unsafe { (&mut *self.states.add(at), &mut *self.states_before.add(at)) };
-            let now = V::load(state);
-            now.plus_product(V::splat(beta), now - V::load(before))
-                .store(state);
-            now.store(before);
-        }
+    fn carry<V: OctLanes>(&self, at: usize, beta: f64) {
+        // SAFETY: this state is this thread's.
+        let (state, before) =
+            unsafe { (&mut *self.states.add(at), &mut *self.states_before.add(at)) };
+        let now = V::load(state);
+        now.plus_product(V::splat(beta), now - V::load(before))
+            .store(state);
+        now.store(before);
     }
 
     /// An entry of a visit's rows, for all lanes.
     #[inline(always)]
-    fn row<V: EightLanes>(&self, begin: u32, columns: usize, side: usize, r: usize, d: usize) -> V {
+    fn row<V: OctLanes>(&self, begin: u32, columns: usize, side: usize, r: usize, d: usize) -> V {
         // SAFETY: places tell where rows are.
         V::load(unsafe {
             let at = begin as usize + (side * R + r) * columns + d;
@@ -457,7 +455,7 @@ impl<const R: usize, const D: usize, L: Law<R>> Work<'_, R, D, L> {
 
     /// Ĵ w + `free`, m/s, of a visit's contacts.
     #[inline(always)]
-    fn velocity<V: EightLanes>(
+    fn velocity<V: OctLanes>(
         &self,
         at: usize,
         visit: &Contact<Oct, R>,
@@ -491,7 +489,7 @@ impl<const R: usize, const D: usize, L: Law<R>> Work<'_, R, D, L> {
 
     /// Add Ĵᵀ times a change of a visit's impulses to the states.
     #[inline(always)]
-    fn add<V: EightLanes>(&self, at: usize, change: &[V; R], states: &mut [[V; D]; 2]) {
+    fn add<V: OctLanes>(&self, at: usize, change: &[V; R], states: &mut [[V; D]; 2]) {
         let place = self.places[at];
         for side in 0..2 {
             for r in 0..R {
@@ -510,32 +508,34 @@ impl<const R: usize, const D: usize, L: Law<R>> Work<'_, R, D, L> {
 
     /// The states of a batch's bodies, entry by entry, a body in each lane.
     #[inline(always)]
-    fn load<V: EightLanes>(&self, from: *mut State, batch: &Batch) -> [[V; D]; 2] {
+    fn load<V: OctLanes>(&self, from: *mut State, batch: &Batch) -> [[V; D]; 2] {
         let mut states = [[V::splat(0.0); D]; 2];
         for side in 0..2 {
-            let mut lanes = [V::splat(0.0); LANES];
-            for lane in 0..LANES {
-                // SAFETY: in this colour the body is this batch's.
-                lanes[lane] = V::load(unsafe { &*from.add(batch.bodies[side][lane] as usize) });
-            }
-            let entries = V::transposed(lanes);
+            // SAFETY: in this colour the bodies are this batch's.
+            let entries = unsafe { V::gathered(&places(from, &batch.bodies[side])) };
             states[side].copy_from_slice(&entries[..D]);
         }
         states
     }
 
     #[inline(always)]
-    fn store<V: EightLanes>(&self, to: *mut State, batch: &Batch, states: &[[V; D]; 2]) {
+    fn store<V: OctLanes>(&self, to: *mut State, batch: &Batch, states: &[[V; D]; 2]) {
         for side in 0..2 {
             let mut entries = [V::splat(0.0); LANES];
             entries[..D].copy_from_slice(&states[side]);
-            let lanes = V::transposed(entries);
-            for lane in 0..LANES {
-                // SAFETY: as above.
-                lanes[lane].store(unsafe { &mut *to.add(batch.bodies[side][lane] as usize) });
-            }
+            // SAFETY: as above.
+            unsafe { V::scatter(&entries, &places(to, &batch.bodies[side])) };
         }
     }
+}
+
+#[inline(always)]
+fn places(states: *mut State, bodies: &[u32; LANES]) -> [*mut State; LANES] {
+    let mut places = [states; LANES];
+    for lane in 0..LANES {
+        places[lane] = states.wrapping_add(bodies[lane] as usize);
+    }
+    places
 }
 
 impl<const R: usize, const D: usize, L: Law<R>> Sweeper<R> for Abreast<'_, R, D, L> {

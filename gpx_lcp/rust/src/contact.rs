@@ -227,14 +227,14 @@ impl<T: Memory, const R: usize> Contact<T, R> {
             found[r] = found[r].replaced(sticks, impulse[r]);
         }
         let known = V::bits(sticks) | V::bits(opens) | V::bits(follows);
-        if known != (1 << T::WIDTH) - 1 {
+        if known != V::ALL {
             let mut memory = [T::filled(0.0); R];
             let mut speeds = memory;
             for r in 0..R {
                 found[r].store(&mut memory[r]);
                 velocity[r].store(&mut speeds[r]);
             }
-            for lane in 0..T::WIDTH {
+            for lane in V::HELD {
                 if known >> lane & 1 == 0 {
                     self.leave_in(lane, law, &mut locals[lane], &speeds, &mut memory);
                 }
@@ -283,7 +283,7 @@ impl<T: Memory, const R: usize> Contact<T, R> {
             old.plus_product(V::splat(relaxation), change[r])
                 .store(&mut relaxed[r]);
         }
-        for lane in 0..T::WIDTH {
+        for lane in V::HELD {
             let inside = law.project(
                 self.friction.get(lane),
                 &std::array::from_fn(|r| relaxed[r].get(lane)),

@@ -1,12 +1,13 @@
-//! Numbers side by side, as the sweeps compute with them: eight contacts at once, or one contact alone.
+//! Numbers side by side, as the sweeps compute with them: eight contacts at once, four of eight, or one contact alone.
 //!
 //! A sweep waits for its own results: each contact needs the bodies that the one before has just changed. Eight chains of
-//! contacts that share no body (see `colouring`) wait together, in the lanes of one register, or of two.
+//! contacts that share no body (see `colouring`) wait together, in the lanes of one register; or four, and then the other
+//! four, where registers are half as wide.
 //!
 //! The choice is made when the program runs. With FMA a product and its sum are rounded together, without it one after
 //! the other: the last digits of a sweep differ between the two kinds of processor, never between runs on one of them.
 
-use std::ops::{Add, Div, Mul, Neg, Sub};
+use std::ops::{Add, Div, Mul, Neg, Range, Sub};
 
 #[cfg(target_arch = "x86_64")]
 pub mod x86_64;
@@ -21,8 +22,6 @@ pub struct Oct(pub [f64; LANES]);
 
 /// What lanes are loaded from, number by number.
 pub trait Memory: Copy {
-    const WIDTH: usize;
-
     fn filled(value: f64) -> Self;
 
     fn get(&self, lane: usize) -> f64;
@@ -31,8 +30,6 @@ pub trait Memory: Copy {
 }
 
 impl Memory for f64 {
-    const WIDTH: usize = 1;
-
     #[inline(always)]
     fn filled(value: f64) -> Self {
         value
@@ -50,8 +47,6 @@ impl Memory for f64 {
 }
 
 impl Memory for Oct {
-    const WIDTH: usize = LANES;
-
     #[inline(always)]
     fn filled(value: f64) -> Self {
         Self([value; LANES])
@@ -82,6 +77,8 @@ pub trait Lanes:
     type Memory: Memory;
     /// Yes or no in each lane.
     type Mask: Copy;
+    /// Which numbers of its memory a register holds.
+    const HELD: Range<usize>;
 
     fn splat(value: f64) -> Self;
 
@@ -102,7 +99,7 @@ pub trait Lanes:
     /// `yes` where the mask says so, self elsewhere.
     fn replaced(self, mask: Self::Mask, yes: Self) -> Self;
 
-    /// Bit k tells lane k.
+    /// Bit k tells number k of the memory; zero where it is not held.
     fn bits(mask: Self::Mask) -> u32;
 
     #[inline(always)]
@@ -111,21 +108,34 @@ pub trait Lanes:
         Self::both(most.at_least(self), self.at_least(least))
     }
 
+    /// The bits of all that is held.
+    const ALL: u32 = (1 << Self::HELD.end) - (1 << Self::HELD.start);
+
     #[inline(always)]
     fn all(mask: Self::Mask) -> bool {
-        Self::bits(mask) == (1 << Self::Memory::WIDTH) - 1
+        Self::bits(mask) == Self::ALL
     }
 }
 
-/// Eight lanes, which can change places with eight registers.
-pub trait EightLanes: Lanes<Memory = Oct> {
-    /// Entry k of lane l becomes entry l of lane k.
-    fn transposed(rows: [Self; LANES]) -> [Self; LANES];
+/// Lanes of an Oct, which can be filled from an Oct each.
+pub trait OctLanes: Lanes<Memory = Oct> {
+    /// Entry k of the Oct of each lane that is held, for all k.
+    ///
+    /// # Safety
+    /// The Octs of the lanes that are held may be read.
+    unsafe fn gathered(from: &[*mut Oct; LANES]) -> [Self; LANES];
+
+    /// The way back.
+    ///
+    /// # Safety
+    /// The Octs of the lanes that are held are the caller's to write, one after the other.
+    unsafe fn scatter(entries: &[Self; LANES], to: &[*mut Oct; LANES]);
 }
 
 impl Lanes for f64 {
     type Memory = f64;
     type Mask = bool;
+    const HELD: Range<usize> = 0..1;
 
     #[inline(always)]
     fn splat(value: f64) -> Self {
@@ -215,6 +225,7 @@ impl Neg for Portable {
 impl Lanes for Portable {
     type Memory = Oct;
     type Mask = [bool; LANES];
+    const HELD: Range<usize> = 0..LANES;
 
     #[inline(always)]
     fn splat(value: f64) -> Self {
@@ -284,15 +295,29 @@ impl Lanes for Portable {
     }
 }
 
-impl EightLanes for Portable {
+impl OctLanes for Portable {
     #[inline(always)]
-    fn transposed(rows: [Self; LANES]) -> [Self; LANES] {
-        let mut columns = [Self([0.0; LANES]); LANES];
-        for k in 0..LANES {
-            for l in 0..LANES {
-                columns[k].0[l] = rows[l].0[k];
+    unsafe fn gathered(from: &[*mut Oct; LANES]) -> [Self; LANES] {
+        let mut entries = [Self([0.0; LANES]); LANES];
+        for lane in 0..LANES {
+            // SAFETY: the caller's promise.
+            let values = unsafe { (*from[lane]).0 };
+            for k in 0..LANES {
+                entries[k].0[lane] = values[k];
             }
         }
-        columns
+        entries
+    }
+
+    #[inline(always)]
+    unsafe fn scatter(entries: &[Self; LANES], to: &[*mut Oct; LANES]) {
+        for lane in 0..LANES {
+            let mut values = [0.0; LANES];
+            for k in 0..LANES {
+                values[k] = entries[k].0[lane];
+            }
+            // SAFETY: the caller's promise.
+            unsafe { (*to[lane]).0 = values };
+        }
     }
 }

@@ -355,7 +355,7 @@ impl<const R: usize> Law<R> for Polygon<R> {
         for r in 0..R {
             (scale * impulse[r] - velocity[r]).store(&mut x[r]);
         }
-        for lane in 0..V::Memory::WIDTH {
+        for lane in V::HELD {
             let [friction, push] = [numbers[0].get(lane), numbers[1].get(lane)];
             let mut here = [0.0; R];
             for r in 0..R {

@@ -1,22 +1,23 @@
-//! Eight lanes in the registers of x86-64: two of AVX2, or one of AVX-512. Both round alike.
+//! Lanes in the registers of x86-64: eight in one of AVX-512, or four of eight in one of AVX2. Both round alike.
 
 use std::arch::x86_64::*;
-use std::ops::{Add, Div, Mul, Neg, Sub};
+use std::ops::{Add, Div, Mul, Neg, Range, Sub};
 
-use super::{EightLanes, LANES, Lanes, Oct};
+use super::{LANES, Lanes, Oct, OctLanes};
 
-/// For processors with AVX2 and FMA: use it only inside a function compiled for them, once `available` has said yes.
+/// Half the lanes of an Oct, from lane FIRST on, for processors with AVX2 and FMA: use it only inside a function compiled
+/// for them, once `has_quads` has said yes.
+///
+/// Two of them together would hold an Oct, but the states of two bodies are then more than there are registers.
 #[derive(Clone, Copy)]
-pub struct Pair([__m256d; 2]);
+pub struct Quad<const FIRST: usize>(__m256d);
 
-/// The same for processors with AVX-512.
+/// All lanes, for processors with AVX-512.
 #[derive(Clone, Copy)]
 pub struct Wide(__m512d);
 
-impl Pair {
-    pub fn available() -> bool {
-        is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma")
-    }
+pub fn has_quads() -> bool {
+    is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma")
 }
 
 impl Wide {
@@ -29,13 +30,12 @@ impl Wide {
 // and aligned to as many.
 macro_rules! operator {
     ($name:ident, $method:ident, $half:ident, $whole:ident) => {
-        impl $name for Pair {
+        impl<const FIRST: usize> $name for Quad<FIRST> {
             type Output = Self;
 
             #[inline(always)]
             fn $method(self, other: Self) -> Self {
-                let ([a, b], [c, d]) = (self.0, other.0);
-                Self(unsafe { [$half(a, c), $half(b, d)] })
+                Self(unsafe { $half(self.0, other.0) })
             }
         }
 
@@ -55,13 +55,12 @@ operator!(Sub, sub, _mm256_sub_pd, _mm512_sub_pd);
 operator!(Mul, mul, _mm256_mul_pd, _mm512_mul_pd);
 operator!(Div, div, _mm256_div_pd, _mm512_div_pd);
 
-impl Neg for Pair {
+impl<const FIRST: usize> Neg for Quad<FIRST> {
     type Output = Self;
 
     #[inline(always)]
     fn neg(self) -> Self {
-        let ([a, b], sign) = (self.0, unsafe { _mm256_set1_pd(-0.0) });
-        Self(unsafe { [_mm256_xor_pd(a, sign), _mm256_xor_pd(b, sign)] })
+        Self(unsafe { _mm256_xor_pd(self.0, _mm256_set1_pd(-0.0)) })
     }
 }
 
@@ -74,78 +73,61 @@ impl Neg for Wide {
     }
 }
 
-impl Lanes for Pair {
+impl<const FIRST: usize> Lanes for Quad<FIRST> {
     type Memory = Oct;
-    type Mask = [__m256d; 2];
+    type Mask = __m256d;
+    const HELD: Range<usize> = FIRST..FIRST + LANES / 2;
 
     #[inline(always)]
     fn splat(value: f64) -> Self {
-        Self(unsafe { [_mm256_set1_pd(value); 2] })
+        Self(unsafe { _mm256_set1_pd(value) })
     }
 
     #[inline(always)]
     fn load(from: &Oct) -> Self {
-        let first = from.0.as_ptr();
-        Self(unsafe { [_mm256_load_pd(first), _mm256_load_pd(first.add(4))] })
+        Self(unsafe { _mm256_load_pd(from.0.as_ptr().add(FIRST)) })
     }
 
     #[inline(always)]
     fn store(self, to: &mut Oct) {
-        let first = to.0.as_mut_ptr();
-        unsafe {
-            _mm256_store_pd(first, self.0[0]);
-            _mm256_store_pd(first.add(4), self.0[1]);
-        }
+        unsafe { _mm256_store_pd(to.0.as_mut_ptr().add(FIRST), self.0) }
     }
 
     #[inline(always)]
     fn plus_product(self, x: Self, y: Self) -> Self {
-        let ([a, b], [c, d], [e, f]) = (self.0, x.0, y.0);
-        Self(unsafe { [_mm256_fmadd_pd(c, e, a), _mm256_fmadd_pd(d, f, b)] })
+        Self(unsafe { _mm256_fmadd_pd(x.0, y.0, self.0) })
     }
 
     #[inline(always)]
     fn sqrt(self) -> Self {
-        let [a, b] = self.0;
-        Self(unsafe { [_mm256_sqrt_pd(a), _mm256_sqrt_pd(b)] })
+        Self(unsafe { _mm256_sqrt_pd(self.0) })
     }
 
     #[inline(always)]
     fn at_least(self, other: Self) -> Self::Mask {
-        let ([a, b], [c, d]) = (self.0, other.0);
-        unsafe {
-            [
-                _mm256_cmp_pd::<_CMP_GE_OQ>(a, c),
-                _mm256_cmp_pd::<_CMP_GE_OQ>(b, d),
-            ]
-        }
+        unsafe { _mm256_cmp_pd::<_CMP_GE_OQ>(self.0, other.0) }
     }
 
     #[inline(always)]
-    fn both([a, b]: Self::Mask, [c, d]: Self::Mask) -> Self::Mask {
-        unsafe { [_mm256_and_pd(a, c), _mm256_and_pd(b, d)] }
+    fn both(x: Self::Mask, y: Self::Mask) -> Self::Mask {
+        unsafe { _mm256_and_pd(x, y) }
     }
 
     #[inline(always)]
-    fn replaced(self, [first, second]: Self::Mask, yes: Self) -> Self {
-        let ([a, b], [c, d]) = (self.0, yes.0);
-        Self(unsafe {
-            [
-                _mm256_blendv_pd(a, c, first),
-                _mm256_blendv_pd(b, d, second),
-            ]
-        })
+    fn replaced(self, mask: Self::Mask, yes: Self) -> Self {
+        Self(unsafe { _mm256_blendv_pd(self.0, yes.0, mask) })
     }
 
     #[inline(always)]
-    fn bits([first, second]: Self::Mask) -> u32 {
-        unsafe { (_mm256_movemask_pd(first) | _mm256_movemask_pd(second) << 4) as u32 }
+    fn bits(mask: Self::Mask) -> u32 {
+        unsafe { (_mm256_movemask_pd(mask) as u32) << FIRST }
     }
 }
 
 impl Lanes for Wide {
     type Memory = Oct;
     type Mask = __mmask8;
+    const HELD: Range<usize> = 0..LANES;
 
     #[inline(always)]
     fn splat(value: f64) -> Self {
@@ -193,20 +175,36 @@ impl Lanes for Wide {
     }
 }
 
-impl EightLanes for Pair {
-    /// Four squares of four.
+impl<const FIRST: usize> OctLanes for Quad<FIRST> {
+    /// Two squares of four.
     #[inline(always)]
-    fn transposed(rows: [Self; LANES]) -> [Self; LANES] {
-        let [a, b, c, d, e, f, g, h] = rows;
-        let mut columns = rows;
-        for half in 0..2 {
-            let first = four_transposed([a.0[half], b.0[half], c.0[half], d.0[half]]);
-            let second = four_transposed([e.0[half], f.0[half], g.0[half], h.0[half]]);
+    unsafe fn gathered(from: &[*mut Oct; LANES]) -> [Self; LANES] {
+        let mut entries = [Self::splat(0.0); LANES];
+        for first in [0, LANES / 2] {
+            let mut square = [entries[0].0; 4];
             for k in 0..4 {
-                columns[4 * half + k] = Self([first[k], second[k]]);
+                square[k] = unsafe { _mm256_load_pd((*from[FIRST + k]).0.as_ptr().add(first)) };
+            }
+            square = four_transposed(square);
+            for k in 0..4 {
+                entries[first + k] = Self(square[k]);
             }
         }
-        columns
+        entries
+    }
+
+    #[inline(always)]
+    unsafe fn scatter(entries: &[Self; LANES], to: &[*mut Oct; LANES]) {
+        for first in [0, LANES / 2] {
+            let mut square = [entries[0].0; 4];
+            for k in 0..4 {
+                square[k] = entries[first + k].0;
+            }
+            square = four_transposed(square);
+            for k in 0..4 {
+                unsafe { _mm256_store_pd((*to[FIRST + k]).0.as_mut_ptr().add(first), square[k]) };
+            }
+        }
     }
 }
 
@@ -224,33 +222,50 @@ fn four_transposed([a, b, c, d]: [__m256d; 4]) -> [__m256d; 4] {
     }
 }
 
-impl EightLanes for Wide {
-    /// Pairs of entries first; then the pairs, as entries of a square of four.
+impl OctLanes for Wide {
     #[inline(always)]
-    fn transposed([a, b, c, d, e, f, g, h]: [Self; LANES]) -> [Self; LANES] {
-        let even = unsafe {
-            pairs_transposed([
-                _mm512_unpacklo_pd(a.0, b.0),
-                _mm512_unpacklo_pd(c.0, d.0),
-                _mm512_unpacklo_pd(e.0, f.0),
-                _mm512_unpacklo_pd(g.0, h.0),
-            ])
-        };
-        let odd = unsafe {
-            pairs_transposed([
-                _mm512_unpackhi_pd(a.0, b.0),
-                _mm512_unpackhi_pd(c.0, d.0),
-                _mm512_unpackhi_pd(e.0, f.0),
-                _mm512_unpackhi_pd(g.0, h.0),
-            ])
-        };
-        let mut columns = [a; LANES];
-        for k in 0..4 {
-            columns[2 * k] = Self(even[k]);
-            columns[2 * k + 1] = Self(odd[k]);
+    unsafe fn gathered(from: &[*mut Oct; LANES]) -> [Self; LANES] {
+        let mut rows = [Self::splat(0.0); LANES];
+        for lane in 0..LANES {
+            rows[lane] = Self::load(unsafe { &*from[lane] });
         }
-        columns
+        eight_transposed(&rows)
     }
+
+    #[inline(always)]
+    unsafe fn scatter(entries: &[Self; LANES], to: &[*mut Oct; LANES]) {
+        let rows = eight_transposed(entries);
+        for lane in 0..LANES {
+            rows[lane].store(unsafe { &mut *to[lane] });
+        }
+    }
+}
+
+/// Pairs of entries first; then the pairs, as entries of a square of four.
+#[inline(always)]
+fn eight_transposed([a, b, c, d, e, f, g, h]: &[Wide; LANES]) -> [Wide; LANES] {
+    let even = unsafe {
+        pairs_transposed([
+            _mm512_unpacklo_pd(a.0, b.0),
+            _mm512_unpacklo_pd(c.0, d.0),
+            _mm512_unpacklo_pd(e.0, f.0),
+            _mm512_unpacklo_pd(g.0, h.0),
+        ])
+    };
+    let odd = unsafe {
+        pairs_transposed([
+            _mm512_unpackhi_pd(a.0, b.0),
+            _mm512_unpackhi_pd(c.0, d.0),
+            _mm512_unpackhi_pd(e.0, f.0),
+            _mm512_unpackhi_pd(g.0, h.0),
+        ])
+    };
+    let mut columns = [*a; LANES];
+    for k in 0..4 {
+        columns[2 * k] = Wide(even[k]);
+        columns[2 * k + 1] = Wide(odd[k]);
+    }
+    columns
 }
 
 #[inline(always)]
@@ -278,42 +293,64 @@ mod tests {
     use super::*;
     use crate::lanes::Portable;
 
-    /// Entries 10 k + l, turned, must be 10 l + k; and every operation must do lane by lane what a number does.
+    /// Entry 10 l + k of the Oct of lane l must be found in lane l of entry k, and come back; and every operation must do
+    /// lane by lane what a number does.
     #[inline(always)]
-    fn check<V: EightLanes>() {
-        let mut rows = [V::splat(0.0); LANES];
-        for k in 0..LANES {
-            let mut memory = Oct::default();
-            for l in 0..LANES {
-                memory.0[l] = (10 * k + l) as f64;
+    fn check<V: OctLanes>() {
+        let mut octs = [Oct::default(); LANES];
+        for l in 0..LANES {
+            for k in 0..LANES {
+                octs[l].0[k] = (10 * l + k) as f64;
             }
-            rows[k] = V::load(&memory);
         }
-        let columns = V::transposed(rows);
-        let mut memory = Oct::default();
+        let places = octs.each_mut().map(|oct| std::ptr::from_mut(oct));
+        // SAFETY: they are this function's own.
+        let entries = unsafe { V::gathered(&places) };
+        let mut memory = Oct([-1.0; LANES]);
         for k in 0..LANES {
-            columns[k].store(&mut memory);
-            for l in 0..LANES {
+            entries[k].store(&mut memory);
+            for l in V::HELD {
                 assert_eq!(memory.0[l], (10 * l + k) as f64);
+            }
+        }
+        let mut doubled = entries;
+        for k in 0..LANES {
+            doubled[k] = entries[k] + entries[k];
+        }
+        // SAFETY: as above.
+        unsafe { V::scatter(&doubled, &places) };
+        for l in 0..LANES {
+            let times = if V::HELD.contains(&l) { 2 } else { 1 };
+            for k in 0..LANES {
+                assert_eq!(octs[l].0[k], (times * (10 * l + k)) as f64);
             }
         }
         let x = Oct([-2.0, -1.0, -0.0, 0.0, 1.0, 2.0, f64::NAN, 9.0]);
         let (a, b) = (V::load(&x), V::splat(1.0));
-        assert_eq!(V::bits(a.at_least(b)), 0b1011_0000);
+        assert_eq!(V::bits(a.at_least(b)), 0b1011_0000 & V::ALL);
         let both = V::both(a.at_least(b), (-a).at_least(-b - b));
-        assert_eq!(V::bits(both), 0b0011_0000);
-        a.replaced(both, -b).store(&mut memory);
-        assert_eq!(memory.0[..6], [-2.0, -1.0, 0.0, 0.0, -1.0, -1.0]);
+        assert_eq!(V::bits(both), 0b0011_0000 & V::ALL);
+        assert_same::<V>(a.replaced(both, -b), [-2.0, -1.0, 0.0, 0.0, -1.0, -1.0]);
         let two = (b + b + b + b).sqrt();
-        two.plus_product(b, a).store(&mut memory);
-        assert_eq!(memory.0[..6], [0.0, 1.0, 2.0, 2.0, 3.0, 4.0]);
-        (a / two).store(&mut memory);
-        assert_eq!(memory.0[..6], [-1.0, -0.5, 0.0, 0.0, 0.5, 1.0]);
+        assert_same::<V>(two.plus_product(b, a), [0.0, 1.0, 2.0, 2.0, 3.0, 4.0]);
+        assert_same::<V>(a / two, [-1.0, -0.5, 0.0, 0.0, 0.5, 1.0]);
+    }
+
+    #[inline(always)]
+    fn assert_same<V: OctLanes>(found: V, wanted: [f64; 6]) {
+        let mut memory = Oct::default();
+        found.store(&mut memory);
+        for (lane, wanted) in wanted.into_iter().enumerate() {
+            if V::HELD.contains(&lane) {
+                assert_eq!(memory.0[lane], wanted);
+            }
+        }
     }
 
     #[target_feature(enable = "avx2,fma")]
-    fn check_pair() {
-        check::<Pair>();
+    fn check_quads() {
+        check::<Quad<0>>();
+        check::<Quad<4>>();
     }
 
     #[target_feature(enable = "avx512f,avx512dq")]
@@ -325,8 +362,8 @@ mod tests {
     fn every_kind_of_register_computes_as_numbers_do() {
         check::<Portable>();
         // SAFETY: the processor has just said that it has what is used.
-        if Pair::available() {
-            unsafe { check_pair() };
+        if has_quads() {
+            unsafe { check_quads() };
         }
         if Wide::available() {
             unsafe { check_wide() };
