@@ -11,18 +11,18 @@ const LEAST_PIVOT: f64 = 1e-9;
 
 /// What a visit reads and writes of one contact (T = f64), or of eight.
 ///
-/// In the order of use: a contact that sticks needs nothing from `block` on.
+/// In the order of use: a contact that sticks needs nothing from `stiffness` on.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Contact<T, const R: usize> {
     pub impulse: [T; R],
     /// -B_i, m/s: the velocity where no impulse acts.
     pub free: [T; R],
-    /// -A_ii⁻¹, kg: the change of impulse that a velocity asks for.
-    pub response: [[T; R]; R],
+    /// Two symmetric matrices: `response` from the diagonal on, and A_ii below it.
+    halves: [[T; R]; R],
     pub friction: T,
-    /// A_ii, symmetric and positive definite, 1/kg.
-    pub block: [[T; R]; R],
+    /// The diagonal of A_ii.
+    stiffness: [T; R],
     /// Unit vector along the friction of the last slide; zero before the first.
     pub heading: [T; 2],
     /// d_i, the largest diagonal entry of the whole A_ii (also of rows that a frictionless program leaves out), 1/kg.
@@ -54,16 +54,25 @@ impl<const R: usize> Contact<f64, R> {
             lift *= 10.0;
         };
         let half = transposed(&lower_inverse(&lower));
-        let response = std::array::from_fn(|r| std::array::from_fn(|c| -dot(&half[r], &half[c])));
+        let response: Matrix<R> = std::array::from_fn(|r| std::array::from_fn(|c| -dot(&half[r], &half[c])));
+        let mut halves: Matrix<R> = response;
+        for r in 0..R {
+            halves[r][..r].copy_from_slice(&block[r][..r]);
+        }
         Self {
             impulse: [0.0; R],
             free: target.map(|value| -value),
-            response,
+            halves,
             friction,
-            block,
+            stiffness: std::array::from_fn(|r| block[r][r]),
             heading: [0.0; 2],
             scale,
         }
+    }
+
+    /// A_ii, symmetric and positive definite, 1/kg.
+    pub fn block(&self) -> Matrix<R> {
+        std::array::from_fn(|r| std::array::from_fn(|c| *self.block_at(r, c)))
     }
 
     /// The impulse on the boundary of the allowed set that solves u = A_ii p + b, u being the velocity now.
@@ -74,12 +83,12 @@ impl<const R: usize> Contact<f64, R> {
         local: &mut L::Local,
         velocity: &Vector<R>,
     ) -> Vector<R> {
-        let own = times(&self.block, &self.impulse);
+        let own = times(&self.block(), &self.impulse);
         let b: Vector<R> = std::array::from_fn(|r| velocity[r] - own[r]);
         let found = if R == 1 || self.friction == 0.0 {
             // What this contact alone needs to have no normal velocity, sliding without friction.
             let mut impulse = [0.0; R];
-            impulse[0] = -b[0] / self.block[0][0];
+            impulse[0] = -b[0] / self.stiffness[0];
             Some(impulse)
         } else {
             law.slide(self, local, &b)
@@ -116,18 +125,30 @@ impl<T: Memory, const R: usize> Contact<T, R> {
     /// A contact that does nothing, in every lane.
     pub fn idle() -> Self {
         let zero = T::filled(0.0);
-        let mut block = [[zero; R]; R];
-        for r in 0..R {
-            block[r][r] = T::filled(1.0);
-        }
         Self {
             impulse: [zero; R],
             free: [zero; R],
-            response: [[zero; R]; R],
+            halves: [[zero; R]; R],
             friction: zero,
-            block,
+            stiffness: [T::filled(1.0); R],
             heading: [zero; 2],
             scale: T::filled(1.0),
+        }
+    }
+
+    /// An entry of -A_ii⁻¹, kg: the change of impulse that a velocity asks for.
+    #[inline(always)]
+    fn response_at(&self, r: usize, c: usize) -> &T {
+        &self.halves[r.min(c)][r.max(c)]
+    }
+
+    /// An entry of A_ii.
+    #[inline(always)]
+    pub fn block_at(&self, r: usize, c: usize) -> &T {
+        if r == c {
+            &self.stiffness[r]
+        } else {
+            &self.halves[r.max(c)][r.min(c)]
         }
     }
 
@@ -136,9 +157,9 @@ impl<T: Memory, const R: usize> Contact<T, R> {
             self.impulse[r].set(lane, contact.impulse[r]);
             self.free[r].set(lane, contact.free[r]);
             for c in 0..R {
-                self.response[r][c].set(lane, contact.response[r][c]);
-                self.block[r][c].set(lane, contact.block[r][c]);
+                self.halves[r][c].set(lane, contact.halves[r][c]);
             }
+            self.stiffness[r].set(lane, contact.stiffness[r]);
         }
         self.friction.set(lane, contact.friction);
         self.heading[0].set(lane, contact.heading[0]);
@@ -148,13 +169,12 @@ impl<T: Memory, const R: usize> Contact<T, R> {
 
     pub fn get(&self, lane: usize) -> Contact<f64, R> {
         let vector = |x: &[T; R]| -> Vector<R> { std::array::from_fn(|r| x[r].get(lane)) };
-        let matrix = |x: &[[T; R]; R]| -> Matrix<R> { std::array::from_fn(|r| vector(&x[r])) };
         Contact {
             impulse: vector(&self.impulse),
             free: vector(&self.free),
-            response: matrix(&self.response),
+            halves: self.halves.map(|row| vector(&row)),
             friction: self.friction.get(lane),
-            block: matrix(&self.block),
+            stiffness: vector(&self.stiffness),
             heading: self.heading.map(|entry| entry.get(lane)),
             scale: self.scale.get(lane),
         }
@@ -178,10 +198,9 @@ impl<T: Memory, const R: usize> Contact<T, R> {
         let mut change = [V::splat(0.0); R];
         let mut impulse = change;
         for r in 0..R {
-            change[r] = V::load(&self.response[0][r]) * velocity[0];
+            change[r] = V::load(self.response_at(r, 0)) * velocity[0];
             for c in 1..R {
-                // Symmetric, so that half of it need not be fetched.
-                let response = V::load(&self.response[r.min(c)][r.max(c)]);
+                let response = V::load(self.response_at(r, c));
                 change[r] = change[r].plus_product(response, velocity[c]);
             }
             impulse[r] = V::load(&self.impulse[r]) + change[r];
@@ -217,7 +236,7 @@ impl<T: Memory, const R: usize> Contact<T, R> {
         }
         for r in 0..R {
             for c in 0..R {
-                b[r] = b[r].plus_product(-V::load(&self.block[r][c]), old[c]);
+                b[r] = b[r].plus_product(-V::load(self.block_at(r, c)), old[c]);
             }
         }
         let opens = law.separates(V::load(&self.friction), &b);

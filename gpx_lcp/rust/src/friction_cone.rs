@@ -36,7 +36,7 @@ pub struct ConeBasis<const R: usize> {
 
 impl<const R: usize> SlidingBasis<R> {
     fn of(contact: &Contact<f64, R>) -> Self {
-        let block = &contact.block;
+        let block = contact.block();
         let mut reduced = [[0.0; R]; R];
         for r in 1..R {
             for c in 1..R {
@@ -86,10 +86,10 @@ impl<const R: usize> Law<R> for Coulomb {
         b: &Vector<R>,
     ) -> Option<Vector<R>> {
         let local = local.get_or_insert_with(|| SlidingBasis::of(contact));
-        let normal = contact.block[0][0];
+        let normal = *contact.block_at(0, 0);
         let mut reduced = [0.0; R];
         for r in 1..R {
-            reduced[r] = b[r] - contact.block[r][0] * b[0] / normal;
+            reduced[r] = b[r] - contact.block_at(r, 0) * b[0] / normal;
         }
         let mut c = [0.0; R];
         for k in 1..R {
@@ -126,7 +126,7 @@ impl<const R: usize> Law<R> for Coulomb {
         }
         impulse[0] = -(b[0]
             + (1..R)
-                .map(|r| contact.block[0][r] * impulse[r])
+                .map(|r| contact.block_at(0, r) * impulse[r])
                 .sum::<f64>())
             / normal;
         Some(onto_boundary(contact.friction, &impulse))
@@ -164,7 +164,7 @@ impl<const R: usize> Law<R> for Coulomb {
 impl<const R: usize> ConeBasis<R> {
     /// The basis of a contact with friction; None where rounding leaves the block no factor.
     fn of(contact: &Contact<f64, R>) -> Option<Self> {
-        let lower = cholesky(&contact.block, 0.0)?;
+        let lower = cholesky(&contact.block(), 0.0)?;
         let inverse = lower_inverse(&lower);
         let sign = |k: usize| {
             if k == 0 {
@@ -188,7 +188,7 @@ impl<const R: usize> ConeBasis<R> {
         });
         // The axis of K must have a positive first coordinate, V⁻¹ n = Vᵀ A n, so that y₀ > 0 tells K from -K.
         if (0..R)
-            .map(|r| basis[r][0] * contact.block[r][0])
+            .map(|r| basis[r][0] * contact.block_at(r, 0))
             .sum::<f64>()
             < 0.0
         {

@@ -33,7 +33,7 @@ pub fn follow<V: Lanes, const R: usize, const CONVEX: bool>(
     let mut a = [[zero; 3]; 3];
     for r in 0..3 {
         for c in 0..3 {
-            a[r][c] = V::load(&contact.block[r][c]);
+            a[r][c] = V::load(contact.block_at(r, c));
         }
     }
     let (x, y) = (V::load(&contact.heading[0]), V::load(&contact.heading[1]));
@@ -112,7 +112,7 @@ fn one_of_two<V: Lanes, const R: usize, const CONVEX: bool>(
     b: &[V; R],
 ) -> ([V; R], V::Mask) {
     let (zero, one) = (V::splat(0.0), V::splat(1.0));
-    let entry = |r: usize, c: usize| V::load(&contact.block[r][c]);
+    let entry = |r: usize, c: usize| V::load(contact.block_at(r, c));
     let friction = V::load(&contact.friction);
     let mut impulse = *b;
     let mut ways = zero;

@@ -120,7 +120,7 @@ impl<const R: usize> Polygon<R> {
         let count = self.corners.len();
         let mut ray = self.corners[j].map(|value| contact.friction * value);
         ray[0] = 1.0;
-        let resistance = dot(&contact.block[0], &ray);
+        let resistance = dot(&contact.block()[0], &ray);
         if resistance <= 0.0 {
             return None;
         }
@@ -171,7 +171,8 @@ fn velocity<const R: usize>(
     b: &Vector<R>,
     impulse: &Vector<R>,
 ) -> Vector<R> {
-    std::array::from_fn(|r| b[r] + dot(&contact.block[r], impulse))
+    let block = contact.block();
+    std::array::from_fn(|r| b[r] + dot(&block[r], impulse))
 }
 
 impl<const R: usize> Law<R> for Polygon<R> {
@@ -282,9 +283,9 @@ impl<const R: usize> Law<R> for Polygon<R> {
         let (mut from_ray, mut from_edge) = ([zero; 3], [zero; 3]);
         for r in 0..3 {
             let row = [
-                V::load(&contact.block[r][0]),
-                V::load(&contact.block[r][1]),
-                V::load(&contact.block[r][2]),
+                V::load(contact.block_at(r, 0)),
+                V::load(contact.block_at(r, 1)),
+                V::load(contact.block_at(r, 2)),
             ];
             from_ray[r] = row[0] + row[1] * ray[1] + row[2] * ray[2];
             from_edge[r] = row[1] * e_x + row[2] * e_y;
