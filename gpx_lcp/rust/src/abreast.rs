@@ -1,9 +1,10 @@
 //! Sweeps over contacts eight abreast, colour after colour.
 //!
-//! The states w = Ĵᵀ p of the bodies of eight groups (see `factored`) are read and written once for the whole groups. Threads
+//! The states w = Ĵᵀ p of the bodies of eight groups (see `factored`; of rigid bodies, their velocities: see `arms`) are read and written once for the whole groups. Threads
 //! share the batches of a colour, and are waited for before the next colour begins. Who visits a batch changes nothing in
 //! it, so the bits do not depend on the number of threads.
 
+use std::marker::PhantomData;
 use std::mem::MaybeUninit;
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -25,18 +26,39 @@ const STATES: usize = 1024;
 /// w of one body, √kg m/s, filled up with zeros.
 type State = Oct;
 
-/// Where the rows of a visit begin: side by side, row by row, the columns where forces act, and the others.
+/// Where the rows of a visit begin: those that it may share with the visits before it, and its own.
 #[derive(Clone, Copy)]
 pub struct Place {
-    pub forces: u32,
-    pub moments: u32,
+    pub shared: u32,
+    pub own: u32,
 }
 
-impl Place {
-    /// How many of the columns of a block are those where forces act.
-    pub const fn forces(columns: usize) -> usize {
-        if columns < 3 { columns } else { 3 }
-    }
+/// What stands for Ĵ: numbers of the contacts of a visit, and what they do with the states of the bodies.
+pub trait Rows<const R: usize, const D: usize> {
+    /// Of a visit, at most.
+    const LINES: usize;
+
+    /// Ĵ w + `free`, m/s, of a visit's contacts.
+    ///
+    /// # Safety
+    /// Rows of this kind lie at the place.
+    unsafe fn velocity<V: OctLanes>(
+        rows: &[MaybeUninit<Oct>],
+        place: Place,
+        free: &[Oct; R],
+        states: &[[V; D]; 2],
+    ) -> [V; R];
+
+    /// Add Ĵᵀ times a change of a visit's impulses to the states.
+    ///
+    /// # Safety
+    /// Rows of this kind lie at the place.
+    unsafe fn add<V: OctLanes>(
+        rows: &[MaybeUninit<Oct>],
+        place: Place,
+        change: &[V; R],
+        states: &mut [[V; D]; 2],
+    );
 }
 
 /// Eight groups: the states that their lanes work on, and their visits.
@@ -106,13 +128,14 @@ impl<'a, const R: usize> Room<'a, R> {
     }
 }
 
-pub struct Abreast<'a, const R: usize, const D: usize, L: Law<R>> {
+pub struct Abreast<'a, const R: usize, const D: usize, L: Law<R>, S: Rows<R, D>> {
     law: &'a L,
+    kind: PhantomData<S>,
     /// Contacts of the system.
     length: usize,
     /// What the contacts that no impulse moves add to the square of the residual.
     locked: f64,
-    /// Ĵ, where the places of the visits tell.
+    /// Where the places of the visits tell.
     rows: Vec<MaybeUninit<Oct>>,
     places: Vec<Place>,
     /// In the order of a sweep, one contact of each of eight groups.
@@ -150,8 +173,9 @@ enum Task {
 }
 
 /// What the threads of a team write to: each its own visits, and in one colour its own bodies.
-struct Work<'a, const R: usize, const D: usize, L: Law<R>> {
+struct Work<'a, const R: usize, const D: usize, L: Law<R>, S: Rows<R, D>> {
     law: &'a L,
+    kind: PhantomData<S>,
     rows: &'a [MaybeUninit<Oct>],
     places: &'a [Place],
     batches: &'a [Batch],
@@ -168,13 +192,17 @@ struct Work<'a, const R: usize, const D: usize, L: Law<R>> {
 
 // SAFETY: no batch is in two pieces, batches of one colour share no body (colouring) and no other slot, and a team is done
 // with one colour before the next begins.
-unsafe impl<const R: usize, const D: usize, L: Law<R>> Sync for Work<'_, R, D, L> {}
+unsafe impl<const R: usize, const D: usize, L: Law<R>, S: Rows<R, D>> Sync
+    for Work<'_, R, D, L, S>
+{
+}
 
-impl<'a, const R: usize, const D: usize, L: Law<R>> Abreast<'a, R, D, L> {
+impl<'a, const R: usize, const D: usize, L: Law<R>, S: Rows<R, D>> Abreast<'a, R, D, L, S> {
     /// Without visits: they come colour by colour.
     pub fn new(law: &'a L, length: usize, locked: f64) -> Self {
         Self {
             law,
+            kind: PhantomData,
             length,
             locked,
             rows: Vec::new(),
@@ -207,7 +235,7 @@ impl<'a, const R: usize, const D: usize, L: Law<R>> Abreast<'a, R, D, L> {
 
     /// Make ready to sweep over so many visits, with so many states; `fill` fills the room for the visits.
     pub fn lay_out(&mut self, visits: usize, states: usize, fill: impl FnOnce(Room<R>)) {
-        let lines = 2 * R * D;
+        let lines = S::LINES;
         self.rows.reserve_exact(lines * visits);
         // SAFETY: nothing is what such rows must hold.
         unsafe { self.rows.set_len(lines * visits) };
@@ -239,8 +267,9 @@ impl<'a, const R: usize, const D: usize, L: Law<R>> Abreast<'a, R, D, L> {
 
     fn perform(&mut self, task: Task, team: &Team) {
         let states = self.states.len();
-        let work = Work::<R, D, L> {
+        let work = Work::<R, D, L, S> {
             law: self.law,
+            kind: PhantomData,
             rows: &self.rows,
             places: &self.places,
             batches: &self.batches,
@@ -271,8 +300,8 @@ impl<'a, const R: usize, const D: usize, L: Law<R>> Abreast<'a, R, D, L> {
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
-fn perform_by_quads<const R: usize, const D: usize, L: Law<R>>(
-    work: &Work<R, D, L>,
+fn perform_by_quads<const R: usize, const D: usize, L: Law<R>, S: Rows<R, D>>(
+    work: &Work<R, D, L, S>,
     task: Task,
     part: Range<usize>,
 ) {
@@ -284,8 +313,8 @@ fn perform_by_quads<const R: usize, const D: usize, L: Law<R>>(
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512dq")]
-fn perform_wide<const R: usize, const D: usize, L: Law<R>>(
-    work: &Work<R, D, L>,
+fn perform_wide<const R: usize, const D: usize, L: Law<R>, S: Rows<R, D>>(
+    work: &Work<R, D, L, S>,
     task: Task,
     part: Range<usize>,
 ) {
@@ -295,10 +324,7 @@ fn perform_wide<const R: usize, const D: usize, L: Law<R>>(
 }
 
 /// Inlined, with all it calls in a sweep, so that it is compiled for the processor of the function around it.
-impl<const R: usize, const D: usize, L: Law<R>> Work<'_, R, D, L> {
-    const FORCES: usize = Place::forces(D);
-    const MOMENTS: usize = D - Self::FORCES;
-
+impl<const R: usize, const D: usize, L: Law<R>, S: Rows<R, D>> Work<'_, R, D, L, S> {
     /// Do a task for some batches, or states, with what this processor has.
     fn run(&self, task: Task, part: Range<usize>) {
         // SAFETY: the processor has just said that it has what the function is compiled for.
@@ -443,17 +469,6 @@ impl<const R: usize, const D: usize, L: Law<R>> Work<'_, R, D, L> {
         now.store(before);
     }
 
-    /// An entry of a visit's rows, for all lanes.
-    #[inline(always)]
-    fn row<V: OctLanes>(&self, begin: u32, columns: usize, side: usize, r: usize, d: usize) -> V {
-        // SAFETY: places tell where rows are.
-        V::load(unsafe {
-            let at = begin as usize + (side * R + r) * columns + d;
-            self.rows.get_unchecked(at).assume_init_ref()
-        })
-    }
-
-    /// Ĵ w + `free`, m/s, of a visit's contacts.
     #[inline(always)]
     fn velocity<V: OctLanes>(
         &self,
@@ -461,49 +476,14 @@ impl<const R: usize, const D: usize, L: Law<R>> Work<'_, R, D, L> {
         visit: &Contact<Oct, R>,
         states: &[[V; D]; 2],
     ) -> [V; R] {
-        let place = self.places[at];
-        let mut velocity = [V::splat(0.0); R];
-        for r in 0..R {
-            // Short sums, because each waits for itself.
-            let mut sums = [V::load(&visit.free[r]), V::splat(0.0)];
-            for side in 0..2 {
-                for d in 0..Self::FORCES {
-                    let row = self.row(place.forces, Self::FORCES, side, r, d);
-                    sums[side] = sums[side].plus_product(row, states[side][d]);
-                }
-            }
-            velocity[r] = sums[0] + sums[1];
-            if Self::MOMENTS > 0 {
-                let mut sums = [V::splat(0.0); 2];
-                for side in 0..2 {
-                    for d in 0..Self::MOMENTS {
-                        let row = self.row(place.moments, Self::MOMENTS, side, r, d);
-                        sums[side] = sums[side].plus_product(row, states[side][Self::FORCES + d]);
-                    }
-                }
-                velocity[r] = velocity[r] + (sums[0] + sums[1]);
-            }
-        }
-        velocity
+        // SAFETY: places tell where rows are.
+        unsafe { S::velocity(self.rows, self.places[at], &visit.free, states) }
     }
 
-    /// Add Ĵᵀ times a change of a visit's impulses to the states.
     #[inline(always)]
     fn add<V: OctLanes>(&self, at: usize, change: &[V; R], states: &mut [[V; D]; 2]) {
-        let place = self.places[at];
-        for side in 0..2 {
-            for r in 0..R {
-                for d in 0..Self::FORCES {
-                    let row = self.row(place.forces, Self::FORCES, side, r, d);
-                    states[side][d] = states[side][d].plus_product(row, change[r]);
-                }
-                for d in 0..Self::MOMENTS {
-                    let row = self.row(place.moments, Self::MOMENTS, side, r, d);
-                    let state = &mut states[side][Self::FORCES + d];
-                    *state = state.plus_product(row, change[r]);
-                }
-            }
-        }
+        // SAFETY: places tell where rows are.
+        unsafe { S::add(self.rows, self.places[at], change, states) }
     }
 
     /// The states of a batch's bodies, entry by entry, a body in each lane.
@@ -538,7 +518,9 @@ fn places(states: *mut State, bodies: &[u32; LANES]) -> [*mut State; LANES] {
     places
 }
 
-impl<const R: usize, const D: usize, L: Law<R>> Sweeper<R> for Abreast<'_, R, D, L> {
+impl<const R: usize, const D: usize, L: Law<R>, S: Rows<R, D>> Sweeper<R>
+    for Abreast<'_, R, D, L, S>
+{
     fn sweep(&mut self, team: &Team, relaxation: f64, momentum: Option<f64>) -> f64 {
         if let Some(beta) = momentum {
             if self.before.is_empty() {

@@ -54,7 +54,8 @@ impl<const R: usize> Contact<f64, R> {
             lift *= 10.0;
         };
         let half = transposed(&lower_inverse(&lower));
-        let response: Matrix<R> = std::array::from_fn(|r| std::array::from_fn(|c| -dot(&half[r], &half[c])));
+        let response: Matrix<R> =
+            std::array::from_fn(|r| std::array::from_fn(|c| -dot(&half[r], &half[c])));
         let mut halves: Matrix<R> = response;
         for r in 0..R {
             halves[r][..r].copy_from_slice(&block[r][..r]);
@@ -236,7 +237,7 @@ impl<T: Memory, const R: usize> Contact<T, R> {
         }
         for r in 0..R {
             for c in 0..R {
-                b[r] = b[r].plus_product(-V::load(self.block_at(r, c)), old[c]);
+                b[r] = b[r].minus_product(V::load(self.block_at(r, c)), old[c]);
             }
         }
         let opens = law.separates(V::load(&self.friction), &b);

@@ -1,19 +1,19 @@
 //! The whitened Jacobian Ĵ, A = Ĵ Ĵᵀ, of contacts that touch at most two bodies, laid out for sweeps (see `abreast`).
 //!
 //! A group is the contacts of two bodies (see `colouring`). Eight groups of one colour share no body: their contacts are
-//! visited side by side in the lanes of a register. What a sweep reads of Ĵ lies in the order in which it is read. The
-//! first three columns of a block, where forces act, are the same for all contacts of a patch, which share their frame:
-//! they are stored once for visits that follow each other.
+//! visited side by side in the lanes of a register. What a sweep reads lies in the order in which it is read: blocks of Ĵ
+//! whatever they are, or what `arms` needs of contacts between rigid bodies.
 
+use std::mem::MaybeUninit;
 use std::ops::Range;
 
-use crate::abreast::{Abreast, Batch, Place, Room};
+use crate::abreast::{Abreast, Batch, Place, Room, Rows};
 use crate::colouring::{self, NONE, coloured};
 use crate::contact::{Contact, Law};
 use crate::delassus::{self, Delassus, Sweeper, is_movable};
 use crate::exact::BlockMatrix;
 use crate::gauss_seidel::Problem;
-use crate::lanes::{LANES, Oct};
+use crate::lanes::{LANES, Oct, OctLanes};
 use crate::small_matrix::{Matrix, Vector, dot};
 use crate::team::Team;
 
@@ -22,18 +22,40 @@ const CONTACTS: usize = 512;
 const VISITS: usize = 32;
 
 /// The blocks of one contact, zero where there is no body.
-type Sides<const R: usize, const D: usize> = [[[f64; D]; R]; 2];
+pub type Sides<const R: usize, const D: usize> = [[[f64; D]; R]; 2];
+
+/// One contact in each lane that has one: its number, its bodies and its blocks.
+pub struct Visit<const R: usize, const D: usize> {
+    pub numbers: [u32; LANES],
+    pub bodies: [[u32; 2]; LANES],
+    pub sides: [Sides<R, D>; LANES],
+}
+
+/// What the rows of a visit are made of.
+pub trait Source<const R: usize, const D: usize>: Sync {
+    type Rows: Rows<R, D>;
+
+    /// Write the rows of a visit, but for those that the visit before has `shared`, if they are the same.
+    fn write(
+        &self,
+        whitened: &BlockMatrix,
+        visit: &Visit<R, D>,
+        shared: Option<u32>,
+        room: &mut Room<R>,
+    ) -> Place;
+}
 
 /// Ĵ contact by contact, of which the first R rows count.
-pub struct Factored<'a, const R: usize, const D: usize> {
+pub struct Factored<'a, const R: usize, const D: usize, S> {
     whitened: &'a BlockMatrix,
+    source: S,
     /// The two bodies of each contact, the smaller number first.
     pairs: Vec<[u32; 2]>,
 }
 
-impl<'a, const R: usize, const D: usize> Factored<'a, R, D> {
+impl<'a, const R: usize, const D: usize, S: Source<R, D>> Factored<'a, R, D, S> {
     /// Take Ĵ, in blocks of D columns and at least R rows; None where a contact touches more than two bodies.
-    pub fn new(whitened: &'a BlockMatrix) -> Option<Self> {
+    pub fn new(whitened: &'a BlockMatrix, source: S) -> Option<Self> {
         // A state is one register.
         const { assert!(D <= LANES) };
         assert!(whitened.width == D && whitened.height >= R);
@@ -49,6 +71,7 @@ impl<'a, const R: usize, const D: usize> Factored<'a, R, D> {
         let pairs = whitened.starts.windows(2).map(pair);
         Some(Self {
             whitened,
+            source,
             pairs: pairs.collect::<Option<_>>()?,
         })
     }
@@ -68,7 +91,7 @@ impl<'a, const R: usize, const D: usize> Factored<'a, R, D> {
     }
 }
 
-impl<const R: usize, const D: usize> Delassus<R> for Factored<'_, R, D> {
+impl<const R: usize, const D: usize, S: Source<R, D>> Delassus<R> for Factored<'_, R, D, S> {
     fn len(&self) -> usize {
         self.pairs.len()
     }
@@ -103,7 +126,7 @@ impl<const R: usize, const D: usize> Delassus<R> for Factored<'_, R, D> {
                 locked += dot(&map, &map);
             }
         }
-        let mut sweeper = Abreast::<R, D, L>::new(law, self.len(), locked);
+        let mut sweeper = Abreast::<R, D, L, S::Rows>::new(law, self.len(), locked);
         let colours = coloured(&pairs);
         let mut slots = self.whitened.block_columns;
         let mut visits = 0;
@@ -152,8 +175,8 @@ fn block<const R: usize, const D: usize>([a, b]: &Sides<R, D>) -> Matrix<R> {
 }
 
 /// Lay a batch out in its room; `movable` gives the numbers of its contacts in the system.
-fn lay_out<const R: usize, const D: usize, L: Law<R>>(
-    factored: &Factored<R, D>,
+fn lay_out<const R: usize, const D: usize, L: Law<R>, S: Source<R, D>>(
+    factored: &Factored<R, D, S>,
     batch: &colouring::Batch,
     movable: &[u32],
     (law, problem, start): (&L, &Problem<R>, &[Vector<R>]),
@@ -161,28 +184,70 @@ fn lay_out<const R: usize, const D: usize, L: Law<R>>(
 ) {
     let mut shared = None;
     for lanes in &batch.contacts {
-        let mut visit = Contact::idle();
-        let mut numbers = [NONE; LANES];
-        let mut sides = [[[[0.0; D]; R]; 2]; LANES];
+        let mut contacts = Contact::idle();
+        let mut visit = Visit {
+            numbers: [NONE; LANES],
+            bodies: [[NONE; 2]; LANES],
+            sides: [[[[0.0; D]; R]; 2]; LANES],
+        };
         for lane in (0..LANES).filter(|&lane| lanes[lane] != NONE) {
             let number = movable[lanes[lane] as usize];
             let i = number as usize;
-            numbers[lane] = number;
-            sides[lane] = factored.sides(i);
-            let block = block(&sides[lane]);
+            visit.numbers[lane] = number;
+            visit.bodies[lane] = factored.pairs[i];
+            visit.sides[lane] = factored.sides(i);
+            let block = block(&visit.sides[lane]);
             let contact = delassus::contact(i, &block, law, problem, &start[i]);
-            visit.set(lane, &contact);
+            contacts.set(lane, &contact);
         }
-        let split = Place::forces(D);
+        let Factored {
+            source, whitened, ..
+        } = factored;
+        let place = source.write(whitened, &visit, shared, room);
+        shared = Some(place.shared);
+        room.add(contacts, visit.numbers, place);
+    }
+}
+
+impl<const R: usize, const D: usize> Visit<R, D> {
+    /// Whether these lines hold the given entries in all lanes that have a contact.
+    pub fn are_in(&self, stored: &[Oct], entries: impl Iterator<Item = Oct>) -> bool {
+        stored.iter().zip(entries).all(|(stored, entry)| {
+            (0..LANES).all(|lane| self.numbers[lane] == NONE || stored.0[lane] == entry.0[lane])
+        })
+    }
+}
+
+/// Blocks of Ĵ side by side, row by row: the columns where forces act, and the others.
+///
+/// The first three columns of a block, where forces act, are the same for all contacts of a patch, which share their
+/// frame: they are stored once for visits that follow each other.
+pub struct Blocks;
+
+/// How many of the columns of a block are those where forces act.
+const fn forces(columns: usize) -> usize {
+    if columns < 3 { columns } else { 3 }
+}
+
+impl<const R: usize, const D: usize> Source<R, D> for Blocks {
+    type Rows = Blocks;
+
+    fn write(
+        &self,
+        _whitened: &BlockMatrix,
+        visit: &Visit<R, D>,
+        shared: Option<u32>,
+        room: &mut Room<R>,
+    ) -> Place {
+        let (split, sides) = (forces(D), &visit.sides);
         let holds = |&begin: &u32| {
             let stored = room.rows(begin, 2 * R * split);
-            holds(stored, &sides, &numbers, split)
+            visit.are_in(stored, entries(sides, 0..split))
         };
-        let forces = shared.filter(holds);
-        let forces = forces.unwrap_or_else(|| room.add_rows(entries(&sides, 0..split)));
-        shared = Some(forces);
-        let moments = room.add_rows(entries(&sides, split..D));
-        room.add(visit, numbers, Place { forces, moments });
+        let shared = shared.filter(holds);
+        let shared = shared.unwrap_or_else(|| room.add_rows(entries(sides, 0..split)));
+        let own = room.add_rows(entries(sides, split..D));
+        Place { shared, own }
     }
 }
 
@@ -200,27 +265,71 @@ fn entries<const R: usize, const D: usize>(
     })
 }
 
-/// Whether the first columns of all blocks are what is stored.
-fn holds<const R: usize, const D: usize>(
-    stored: &[Oct],
-    sides: &[Sides<R, D>; LANES],
-    numbers: &[u32; LANES],
-    columns: usize,
-) -> bool {
-    for lane in 0..LANES {
-        if numbers[lane] == NONE {
-            continue;
+/// An entry of a visit's blocks, for all lanes.
+#[inline(always)]
+unsafe fn entry<V: OctLanes>(rows: &[MaybeUninit<Oct>], begin: u32, at: usize) -> V {
+    // SAFETY: the caller's promise.
+    V::load(unsafe { rows.get_unchecked(begin as usize + at).assume_init_ref() })
+}
+
+impl<const R: usize, const D: usize> Rows<R, D> for Blocks {
+    const LINES: usize = 2 * R * D;
+
+    #[inline(always)]
+    unsafe fn velocity<V: OctLanes>(
+        rows: &[MaybeUninit<Oct>],
+        place: Place,
+        free: &[Oct; R],
+        states: &[[V; D]; 2],
+    ) -> [V; R] {
+        let (forces, moments) = (forces(D), D - forces(D));
+        let mut velocity = [V::splat(0.0); R];
+        for r in 0..R {
+            // Short sums, because each waits for itself.
+            let mut sums = [V::load(&free[r]), V::splat(0.0)];
+            for side in 0..2 {
+                for d in 0..forces {
+                    // SAFETY: the caller's promise, here and below.
+                    let row = unsafe { entry(rows, place.shared, (side * R + r) * forces + d) };
+                    sums[side] = sums[side].plus_product(row, states[side][d]);
+                }
+            }
+            velocity[r] = sums[0] + sums[1];
+            if moments > 0 {
+                let mut sums = [V::splat(0.0); 2];
+                for side in 0..2 {
+                    for d in 0..moments {
+                        let row = unsafe { entry(rows, place.own, (side * R + r) * moments + d) };
+                        sums[side] = sums[side].plus_product(row, states[side][forces + d]);
+                    }
+                }
+                velocity[r] = velocity[r] + (sums[0] + sums[1]);
+            }
         }
-        let lines = sides[lane].as_flattened().iter();
-        for (line, octs) in lines.zip(stored.chunks_exact(columns)) {
-            if octs
-                .iter()
-                .zip(line)
-                .any(|(oct, value)| oct.0[lane] != *value)
-            {
-                return false;
+        velocity
+    }
+
+    #[inline(always)]
+    unsafe fn add<V: OctLanes>(
+        rows: &[MaybeUninit<Oct>],
+        place: Place,
+        change: &[V; R],
+        states: &mut [[V; D]; 2],
+    ) {
+        let (forces, moments) = (forces(D), D - forces(D));
+        for side in 0..2 {
+            for r in 0..R {
+                for d in 0..forces {
+                    // SAFETY: the caller's promise, here and below.
+                    let row = unsafe { entry(rows, place.shared, (side * R + r) * forces + d) };
+                    states[side][d] = states[side][d].plus_product(row, change[r]);
+                }
+                for d in 0..moments {
+                    let row = unsafe { entry(rows, place.own, (side * R + r) * moments + d) };
+                    let state = &mut states[side][forces + d];
+                    *state = state.plus_product(row, change[r]);
+                }
             }
         }
     }
-    true
 }

@@ -264,7 +264,7 @@ impl Momentum {
 mod tests {
     use super::*;
     use crate::exact::BlockMatrix;
-    use crate::factored::Factored;
+    use crate::factored::{Blocks, Factored};
     use crate::friction_cone::Coulomb;
 
     const SETTINGS: Settings = Settings {
@@ -304,7 +304,7 @@ mod tests {
             target_norm: 1.0,
         };
         let rows = BlockMatrix::new(ends, bodies, data, (1, 1), n).unwrap();
-        let delassus = Factored::<1, 1>::new(&rows).unwrap();
+        let delassus = Factored::<1, 1, _>::new(&rows, Blocks).unwrap();
         solve(
             &delassus,
             &Coulomb,

@@ -89,6 +89,9 @@ pub trait Lanes:
     /// self + x y
     fn plus_product(self, x: Self, y: Self) -> Self;
 
+    /// self - x y
+    fn minus_product(self, x: Self, y: Self) -> Self;
+
     fn sqrt(self) -> Self;
 
     /// Where self ≥ other; nowhere beside a NaN.
@@ -155,6 +158,11 @@ impl Lanes for f64 {
     #[inline(always)]
     fn plus_product(self, x: Self, y: Self) -> Self {
         self + x * y
+    }
+
+    #[inline(always)]
+    fn minus_product(self, x: f64, y: f64) -> Self {
+        self - x * y
     }
 
     #[inline(always)]
@@ -245,6 +253,11 @@ impl Lanes for Portable {
     #[inline(always)]
     fn plus_product(self, x: Self, y: Self) -> Self {
         self + x * y
+    }
+
+    #[inline(always)]
+    fn minus_product(self, x: Self, y: Self) -> Self {
+        self - x * y
     }
 
     #[inline(always)]

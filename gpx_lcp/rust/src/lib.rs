@@ -9,6 +9,7 @@
 )]
 
 mod abreast;
+pub mod arms;
 pub mod bodies;
 pub mod collision;
 mod colouring;

@@ -256,6 +256,7 @@ impl<'a> Pool<'a> {
             b: &self.b,
             friction: &self.friction,
             scale: &self.scale,
+            rigid: None,
         }
     }
 }

@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::time::{Duration, Instant};
 
+use crate::arms::{Masses, Rigid};
 use crate::exact::{self, BlockMatrix, Limits, Operator};
 use crate::gauss_seidel::{Settings, Stop};
 use crate::pooling::swept;
@@ -122,6 +123,8 @@ pub struct System<'a> {
     pub b: &'a [f64],
     pub friction: &'a [f64],
     pub scale: &'a [f64],
+    /// Where the bodies are rigid, which makes sweeps quicker.
+    pub rigid: Option<Rigid<'a>>,
 }
 
 /// Who has a stacked system, with what presolve may read beside it.
@@ -176,6 +179,7 @@ impl<'a> System<'a> {
             b: &part.b,
             friction: &part.friction,
             scale,
+            rigid: None,
         }
     }
 
@@ -250,6 +254,10 @@ impl Stacked for Stack {
             b: &self.b,
             friction: &self.friction,
             scale: &self.scale,
+            rigid: (self.layout.rows == 3 && self.layout.columns == 6).then_some(Rigid {
+                jacobian: &self.blocks,
+                masses: Masses::Roots(&self.roots),
+            }),
         }
     }
 

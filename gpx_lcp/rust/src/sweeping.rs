@@ -8,7 +8,7 @@ use crate::contact::Law;
 use crate::delassus::{BlockRows, Delassus};
 use crate::exact::BlockMatrix;
 use crate::explicit::Explicit;
-use crate::factored::Factored;
+use crate::factored::{Blocks, Factored, Source};
 use crate::friction_cone::{ConvexCone, Coulomb};
 use crate::gauss_seidel::{History, Outcome, Problem, Settings, Stop, solve_while};
 use crate::presolve::Form;
@@ -56,15 +56,18 @@ pub fn sweep(
         system.matrix.height
     };
     match (system.form, rows, system.matrix.width) {
-        (Form::Velocity, 1, 1) => question.factored::<1, 1, _>(&Coulomb),
-        (Form::Velocity, 1, 2) => question.factored::<1, 2, _>(&Coulomb),
-        (Form::Velocity, 1, 3) => question.factored::<1, 3, _>(&Coulomb),
-        (Form::Velocity, 1, _) => question.factored::<1, WIDEST, _>(&Coulomb),
-        (Form::Velocity, 2, 1 | 2) => question.factored_by::<2, 2>(program),
-        (Form::Velocity, 2, 3) => question.factored_by::<2, 3>(program),
-        (Form::Velocity, 2, _) => question.factored_by::<2, WIDEST>(program),
-        (Form::Velocity, _, 1..=3) => question.factored_by::<3, 3>(program),
-        (Form::Velocity, ..) => question.factored_by::<3, WIDEST>(program),
+        (Form::Velocity, 1, 1) => question.factored::<1, 1, _, _>(&Coulomb, Blocks),
+        (Form::Velocity, 1, 2) => question.factored::<1, 2, _, _>(&Coulomb, Blocks),
+        (Form::Velocity, 1, 3) => question.factored::<1, 3, _, _>(&Coulomb, Blocks),
+        (Form::Velocity, 1, _) => question.factored::<1, WIDEST, _, _>(&Coulomb, Blocks),
+        (Form::Velocity, 2, 1 | 2) => question.factored_by::<2, 2>(program, Blocks),
+        (Form::Velocity, 2, 3) => question.factored_by::<2, 3>(program, Blocks),
+        (Form::Velocity, 2, _) => question.factored_by::<2, WIDEST>(program, Blocks),
+        (Form::Velocity, _, 1..=3) => question.factored_by::<3, 3>(program, Blocks),
+        (Form::Velocity, ..) => match system.rigid {
+            Some(rigid) => question.factored_by::<3, WIDEST>(program, rigid),
+            None => question.factored_by::<3, WIDEST>(program, Blocks),
+        },
         (Form::Impulse, 1, _) => question.explicit::<1, _>(&Coulomb),
         (Form::Impulse, 2, _) => question.explicit_by::<2>(program),
         (Form::Impulse, ..) => question.explicit_by::<3>(program),
@@ -87,11 +90,17 @@ struct Question<'a> {
 }
 
 impl Question<'_> {
-    fn factored_by<const R: usize, const D: usize>(&self, program: &Program) -> Option<Answer> {
+    fn factored_by<const R: usize, const D: usize>(
+        &self,
+        program: &Program,
+        source: impl Source<R, D>,
+    ) -> Option<Answer> {
         match program {
-            Program::Cone => self.factored::<R, D, _>(&ConvexCone),
-            Program::Polygon(corners) => self.factored::<R, D, _>(&Program::polygon(corners)),
-            _ => self.factored::<R, D, _>(&Coulomb),
+            Program::Cone => self.factored::<R, D, _, _>(&ConvexCone, source),
+            Program::Polygon(corners) => {
+                self.factored::<R, D, _, _>(&Program::polygon(corners), source)
+            }
+            _ => self.factored::<R, D, _, _>(&Coulomb, source),
         }
     }
 
@@ -104,14 +113,18 @@ impl Question<'_> {
     }
 
     /// On Ĵ, with bodies of D velocities, filled up with zeros where they have fewer.
-    fn factored<const R: usize, const D: usize, L: Law<R>>(&self, law: &L) -> Option<Answer> {
+    fn factored<const R: usize, const D: usize, L: Law<R>, S: Source<R, D>>(
+        &self,
+        law: &L,
+        source: S,
+    ) -> Option<Answer> {
         let begun = Instant::now();
         let matrix = match self.system.matrix {
             matrix if matrix.width == D => Cow::Borrowed(matrix),
             matrix => Cow::Owned(matrix.widened(D)),
         };
-        let delassus =
-            Factored::<R, D>::new(&matrix).expect("contacts of more bodies are swept on A");
+        let delassus = Factored::<R, D, S>::new(&matrix, source);
+        let delassus = delassus.expect("contacts of more bodies are swept on A");
         self.sweep(begun, &delassus, law)
     }
 

@@ -9,7 +9,7 @@ use std::array::from_fn;
 use crate::contact::Law;
 use crate::delassus::{BlockRows, Delassus};
 use crate::explicit::Explicit;
-use crate::factored::Factored;
+use crate::factored::{Blocks, Factored};
 use crate::friction_cone::{ConvexCone, Coulomb};
 use crate::gauss_seidel::{History, Problem as Sweeping, Settings, solve_while};
 
@@ -83,7 +83,7 @@ fn factored<const R: usize, const D: usize>(
     best: &mut Best,
 ) {
     // Contacts of more than two bodies are rare enough to go without, too.
-    if let Some(delassus) = Factored::<R, D>::new(factor) {
+    if let Some(delassus) = Factored::<R, D, _>::new(factor, Blocks) {
         with_law::<R, _>(delassus, problem, start, limits, effort, best);
     }
 }

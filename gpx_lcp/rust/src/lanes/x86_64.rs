@@ -99,6 +99,11 @@ impl<const FIRST: usize> Lanes for Quad<FIRST> {
     }
 
     #[inline(always)]
+    fn minus_product(self, x: Self, y: Self) -> Self {
+        Self(unsafe { _mm256_fnmadd_pd(x.0, y.0, self.0) })
+    }
+
+    #[inline(always)]
     fn sqrt(self) -> Self {
         Self(unsafe { _mm256_sqrt_pd(self.0) })
     }
@@ -147,6 +152,11 @@ impl Lanes for Wide {
     #[inline(always)]
     fn plus_product(self, x: Self, y: Self) -> Self {
         Self(unsafe { _mm512_fmadd_pd(x.0, y.0, self.0) })
+    }
+
+    #[inline(always)]
+    fn minus_product(self, x: Self, y: Self) -> Self {
+        Self(unsafe { _mm512_fnmadd_pd(x.0, y.0, self.0) })
     }
 
     #[inline(always)]
@@ -333,6 +343,7 @@ mod tests {
         assert_same::<V>(a.replaced(both, -b), [-2.0, -1.0, 0.0, 0.0, -1.0, -1.0]);
         let two = (b + b + b + b).sqrt();
         assert_same::<V>(two.plus_product(b, a), [0.0, 1.0, 2.0, 2.0, 3.0, 4.0]);
+        assert_same::<V>(a.minus_product(two, b), [-4.0, -3.0, -2.0, -2.0, -1.0, 0.0]);
         assert_same::<V>(a / two, [-1.0, -0.5, 0.0, 0.0, 0.5, 1.0]);
     }
 

@@ -9,6 +9,7 @@ use numpy::{
 use pyo3::prelude::*;
 
 use super::solve::law_named;
+use crate::arms::{Masses, Rigid, are_rigid};
 use crate::exact::{BlockMatrix, Law, ShapeError};
 use crate::presolve::{self, Form, FreeMotion, Size, Summary};
 use crate::solving::{Stacked, System as Numbers, scale_of};
@@ -60,6 +61,8 @@ pub struct System {
     scale: Vec<f64>,
     /// The blocks of J in the order of those of Ĵ, where presolve may read them.
     jacobian: Option<Vec<f64>>,
+    /// M⁻¹ in blocks, where J is of rigid bodies.
+    inverse_mass: Option<Vec<f64>>,
     /// Where it was said.
     free: Option<FreeMotion>,
 }
@@ -141,8 +144,11 @@ impl System {
                 FreeMotion::of(velocity.as_slice()?.to_vec(), shape.1, masses)
             }
         };
+        let (jacobian, inverse_mass) = (jacobian.as_slice()?, inverse_mass.as_slice()?);
+        let rigid = are_rigid(&matrix, jacobian, inverse_mass);
         Ok(Self {
-            jacobian: Some(jacobian.as_slice()?.to_vec()),
+            jacobian: Some(jacobian.to_vec()),
+            inverse_mass: rigid.then(|| inverse_mass.to_vec()),
             free,
             ..Self::new(Form::Velocity, matrix, target, friction)?
         })
@@ -177,6 +183,7 @@ impl Stacked for System {
             b: &self.target,
             friction: &self.friction,
             scale: &self.scale,
+            rigid: self.rigid(),
         }
     }
 
@@ -190,6 +197,13 @@ impl Stacked for System {
 }
 
 impl System {
+    fn rigid(&self) -> Option<Rigid<'_>> {
+        Some(Rigid {
+            jacobian: self.jacobian.as_deref()?,
+            masses: Masses::Inverse(self.inverse_mass.as_deref()?),
+        })
+    }
+
     fn of_delassus(
         matrix: BlockMatrix,
         target: PyReadonlyArray1<'_, f64>,
@@ -216,6 +230,7 @@ impl System {
         Ok(Self {
             scale: scale_of(form, &matrix),
             jacobian: None,
+            inverse_mass: None,
             free: None,
             form,
             matrix,
