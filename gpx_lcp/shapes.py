@@ -198,39 +198,45 @@ class ConvexHull(Shape):
                 f"the {len(points)} points of a ConvexHull span no volume: four that are not in one plane are needed"
             ) from error
         corners = points[np.sort(hull.vertices)]
-        tetrahedra = self._tetrahedra(points, hull.simplices)
-        volumes = np.linalg.det(tetrahedra) / 6
-        volumes = np.abs(volumes)
-        inside = points.mean(axis=0)
-        centroid = inside + np.einsum("t,tkx->x", volumes, tetrahedra) / 4 / volumes.sum()
-        self._set(points=freeze(corners - centroid), centroid=freeze(centroid), volume=float(volumes.sum()))
+        unit, volume, first, _ = _moments(points, hull.simplices)
+        centroid = np.array([entry / (4 * volume * unit) for entry in first])
+        self._set(points=freeze(corners - centroid), centroid=freeze(centroid), volume=volume / (6 * unit**3))
 
     def _set(self, **values: Any) -> None:
         for name, value in values.items():
             object.__setattr__(self, name, value)
-
-    @staticmethod
-    def _tetrahedra(points: Array, triangles: npt.NDArray[np.int32]) -> Array:
-        """Return the corners of the surface triangles about a point inside, (triangles, 3, 3)."""
-        return np.asarray(points[triangles] - points.mean(axis=0))
 
     def numbers(self) -> Array:
         """Return the corners, one after the other."""
         return np.asarray(self.points, dtype=np.float64).ravel()
 
     def inertia(self, mass: float) -> Array:
-        """Return the sum over the tetrahedra between the surface and the centre of mass.
-
-        A tetrahedron of volume V with corners 0, a, b, c has, with s = a + b + c,
-        ∫ x xᵀ dV = V/20 (s sᵀ + a aᵀ + b bᵀ + c cᵀ).
-        """
+        """Return the sum over the tetrahedra between the surface and the centre of mass."""
         points = np.asarray(self.points, dtype=np.float64)
         size = float(np.ptp(points, axis=0).max())
-        tetrahedra = points[QuickHull(points / size).simplices]
-        volumes = np.abs(np.linalg.det(tetrahedra)) / 6
-        sums = tetrahedra.sum(axis=1)
-        second = np.einsum("t,tx,ty->xy", volumes, sums, sums) + np.einsum(
-            "t,tkx,tky->xy", volumes, tetrahedra, tetrahedra
-        )
-        second *= mass / volumes.sum() / 20
-        return np.asarray(np.trace(second) * np.eye(3) - second)
+        unit, volume, _, second = _moments(points, QuickHull(points / size).simplices)
+        moments = mass * np.array([[entry / (20 * volume * unit**2) for entry in row] for row in second])
+        return np.asarray(np.trace(moments) * np.eye(3) - moments)
+
+
+def _moments(points: Array, triangles: npt.NDArray[np.int32]) -> tuple[int, int, list[int], list[list[int]]]:
+    """Return a unit u and, as whole numbers, u³ 6 V, u⁴ 24 ∫ x dV and u⁵ 120 ∫ x xᵀ dV of the solid between triangles.
+
+    A tetrahedron with corners 0, a, b, c has, with 6 V = det (a, b, c) and s = a + b + c,
+    24 ∫ x dV = 6 V s and 120 ∫ x xᵀ dV = 6 V (s sᵀ + a aᵀ + b bᵀ + c cᵀ).
+
+    Nothing is rounded: rounded sums depend on how faces are cut into triangles, and put the centre and the axes of what
+    is its own mirror image a last bit beside the plane of symmetry. What is built of that leaves the plane.
+    """
+    ratios = [[entry.as_integer_ratio() for entry in point] for point in points.tolist()]
+    # Denominators of floats are powers of two: the largest is a multiple of all.
+    unit = max(below for point in ratios for _, below in point)
+    whole = np.array([[above * (unit // below) for above, below in point] for point in ratios], dtype=object)
+    # Qhull lists triangles either way round; seen from inside all are to run the same way.
+    inside = (points - points.mean(axis=0)) / np.ptp(points, axis=0).max()
+    signs = np.sign(np.linalg.det(inside[triangles])).astype(int).astype(object)
+    a, b, c = whole[triangles].transpose(1, 2, 0)
+    volumes = signs * (a * np.cross(b, c, axis=0)).sum(axis=0)
+    s = a + b + c
+    second = sum((volumes * x) @ x.T for x in (s, a, b, c))
+    return unit, volumes.sum(), (s @ volumes).tolist(), np.asarray(second).tolist()

@@ -263,8 +263,16 @@ fn clip(
             let next = corners[(k + 1) % count];
             let there = plane.height(next.at);
             if (here <= merge) != (there <= merge) {
-                let at = corner.at + (next.at - corner.at) * (here / (here - there));
                 let leaving = here <= merge;
+                // From the end that stays, whichever way round the side is walked: the two sides of a patch that is its own
+                // mirror image are walked in opposite ways, and are to end at points that mirror each other to the last bit.
+                let (stays, goes) = if leaving {
+                    (corner.at, next.at)
+                } else {
+                    (next.at, corner.at)
+                };
+                let (low, high) = (here.min(there), here.max(there));
+                let at = stays + (goes - stays) * (low / (low - high));
                 kept.push(Corner {
                     at,
                     features: [cut, corner.side],
