@@ -50,6 +50,14 @@ def test_hull_of_a_box_has_the_inertia_volume_and_centre_of_the_box():
     assert np.allclose(hull.inertia(2.0), gpx.Box(1, 2, 3).inertia(2.0), atol=1e-12)
 
 
+def test_a_hull_that_mirrors_itself_has_its_centre_and_axes_in_the_mirror():
+    """To the last bit, however its faces are cut into triangles."""
+    for corners in np.random.default_rng(3).normal(size=(50, 7, 2)):
+        hull = gpx.ConvexHull([(x, y, z) for y in (-0.35, 0.35) for x, z in corners])
+        assert hull.centroid[1] == 0.0
+        assert hull.inertia(3.0)[1, [0, 2]].tolist() == [0.0, 0.0]
+
+
 def test_bodies_are_rows_of_the_worlds_arrays():
     scene = gpx.Scene()
     ground = scene.add_static(gpx.HalfSpace())

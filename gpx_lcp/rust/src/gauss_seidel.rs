@@ -12,6 +12,11 @@
 //! led and x where the one before it had, β = (t - 1)/t' with t' = (1 + √(1 + 4t²))/2. Where the last sweep went against
 //! the way from x to p, the momentum is lost: t = 1. Coulomb's law is no gradient of anything, and momentum may run in
 //! circles: where the residual has grown between two evaluations, t may not grow as far again for a while.
+//!
+//! Impulses may also drift. A brick whose gaps to what it stands on differ by δ cannot close them all, and as long as none
+//! opens each sweep carries the same δ/(d dt) of load from one contact to another: the residual stands still, at a rate
+//! that would take millions of sweeps. There β is a little above 1, so that the drift grows geometrically until it ends.
+//!
 //! Sources: Y. Nesterov, *A method of solving a convex programming problem with convergence rate O(1/k²)* (1983);
 //! H. Mazhar, T. Heyn, D. Negrut, A. Tasora, *Using Nesterov's method to accelerate multibody dynamics with friction and
 //! contact*, ACM Transactions on Graphics 34 (2015); B. O'Donoghue, E. Candès, *Adaptive restart for accelerated gradient
@@ -33,6 +38,11 @@ const CHECK_EVERY: usize = 10;
 /// A column of n equal masses gains (π/2n)² a sweep, so over this window n may be as large as 8000.
 const PATIENCE: usize = 300;
 const LEAST_PROGRESS: f64 = 1e-4;
+/// Share by which a residual that grows is larger than the one before: less may be rounding.
+const GROWTH: f64 = 1e-2;
+/// Share by which the residual changes between two evaluations, at most, where impulses drift; and β there.
+const STANDSTILL: f64 = 1e-3;
+const DRIFT: f64 = 1.05;
 /// How often the caller is asked whether to go on.
 const POLL_EVERY: Duration = Duration::from_millis(50);
 /// Contacts of each thread, at least. On walls of 1 600 contacts two threads take a tenth longer than one, on 3 700 a tenth
@@ -224,6 +234,8 @@ struct Momentum {
     most: f64,
     /// The residual at the last evaluation.
     residual: f64,
+    /// Whether it was that of the evaluation before, and no sweep since has turned back.
+    drifts: bool,
 }
 
 impl Default for Momentum {
@@ -232,6 +244,7 @@ impl Default for Momentum {
             inertia: 1.0,
             most: f64::INFINITY,
             residual: f64::INFINITY,
+            drifts: false,
         }
     }
 }
@@ -241,16 +254,23 @@ impl Momentum {
     fn beta(&mut self, agreement: f64) -> f64 {
         if agreement < 0.0 {
             self.inertia = 1.0;
+            self.drifts = false;
         }
         let next = 0.5 * (1.0 + (1.0 + 4.0 * self.inertia * self.inertia).sqrt());
         let beta = (self.inertia - 1.0) / next;
         self.inertia = next.min(self.most);
-        beta
+        // Not where momentum has just begun, or may not grow because it ran in circles.
+        if self.drifts && self.inertia > 2.0 {
+            DRIFT
+        } else {
+            beta
+        }
     }
 
     /// Take the residual between two sweeps into account.
     fn judge(&mut self, residual: f64) {
-        if residual > self.residual {
+        self.drifts = (residual - self.residual).abs() <= STANDSTILL * self.residual;
+        if residual > (1.0 + GROWTH) * self.residual {
             self.most = (0.5 * self.inertia.min(self.most)).max(1.0);
             self.inertia = 1.0;
         } else {

@@ -410,4 +410,32 @@ mod tests {
         }
         assert!(patches > 100, "{patches} patches");
     }
+
+    #[test]
+    fn patches_that_mirror_themselves_have_points_that_do_to_the_last_bit() {
+        let mut random = Uniform(12);
+        let (mut clipped, mut points) = (0, Few::new());
+        for _ in 0..3000 {
+            let mut half = || Vector::from_array(random.vector()) * 0.5 + Vector::splat(0.7);
+            let [a, b] = [half(), half()].map(|half| Solid::Convex(Convex::cuboid(half)));
+            // Turned about y and moved across it, both are their own mirror images in the plane y = 0.
+            let [pose_a, pose_b] = [0.0, 1.0].map(|far| {
+                let at = Vector::new(random.draw(), 0.0, 0.1 * random.draw() + 1.2 * far);
+                Pose::from_parts(at, Rotation::from_rotation_y(0.1 * random.draw()))
+            });
+            let normal = manifold(&a, &pose_a, &b, &pose_b, 0.2, &mut points);
+            // None, or one of the two sides that mirror each other.
+            if normal.is_none_or(|normal| normal.y != 0.0) {
+                continue;
+            }
+            clipped += usize::from(points.len() == 4);
+            for point in &points {
+                let [x, y, z] = point.position.to_array();
+                let image = Vector::new(x, -y, z);
+                let same = |other: &Point| other.position == image && other.gap == point.gap;
+                assert!(points.iter().any(same));
+            }
+        }
+        assert!(clipped > 300, "{clipped} patches of four points");
+    }
 }
