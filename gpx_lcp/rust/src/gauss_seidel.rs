@@ -38,10 +38,10 @@ const CHECK_EVERY: usize = 10;
 /// A column of n equal masses gains (π/2n)² a sweep, so over this window n may be as large as 8000.
 const PATIENCE: usize = 300;
 const LEAST_PROGRESS: f64 = 1e-4;
-/// Share by which a residual that grows is larger than the one before: less may be rounding.
-const GROWTH: f64 = 1e-2;
+/// Share by which a residual that grows is larger than the one before: less may be rounding, or a wobble of momentum.
+const GROWTH: f64 = 0.1;
 /// Share by which the residual changes between two evaluations, at most, where impulses drift; and β there.
-const STANDSTILL: f64 = 1e-3;
+const STANDSTILL: f64 = 1e-2;
 const DRIFT: f64 = 1.05;
 /// How often the caller is asked whether to go on.
 const POLL_EVERY: Duration = Duration::from_millis(50);
