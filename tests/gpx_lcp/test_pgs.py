@@ -489,3 +489,15 @@ def test_real_problems_to_engineering_accuracy(problems, folder):
         if solution.status is not gpx.Status.SOLVED:
             unsolved.add(file.stem)
     assert unsolved <= {"RockPile_tob1", "OneObject-i100000-499"}
+
+
+def test_load_that_passes_between_contacts_of_unequal_gaps_does_not_take_forever():
+    """Gaps of bricks on bricks differ by nanometres: some contact must open, and load leaves it sweep by sweep."""
+    world = gpx.World(gpx.scenes.wall(10), 1 / 60, solver="pgs", tolerance=1e-6)
+    most = 0
+    for _ in range(100):
+        world.gravity = gpx.scenes.swinging_gravity(world.time)
+        world.step()
+        most = max(most, world.solution.iterations)
+    assert world.unsolved_steps == 0
+    assert most < 3000
