@@ -269,7 +269,8 @@ impl Momentum {
 
     /// Take the residual between two sweeps into account.
     fn judge(&mut self, residual: f64) {
-        self.drifts = (residual - self.residual).abs() <= STANDSTILL * self.residual;
+        // Before the first evaluation there is none to compare with: the quotient is 0 then.
+        self.drifts = (residual / self.residual - 1.0).abs() <= STANDSTILL;
         if residual > (1.0 + GROWTH) * self.residual {
             self.most = (0.5 * self.inertia.min(self.most)).max(1.0);
             self.inertia = 1.0;
