@@ -371,8 +371,9 @@ impl<const R: usize, const D: usize, L: Law<R>, S: Rows<R, D>> Work<'_, R, D, L,
                     let (p, x) = (V::load(&last[r]), V::load(&before[r]));
                     p.plus_product(V::splat(beta), p - x)
                         .store(&mut visit.impulse[r]);
+                    // Lane by lane: the others may not have read theirs.
+                    p.store(&mut before[r]);
                 }
-                *before = last;
             }
             let change = visit.visit::<L, V>(self.law, locals, &velocity, relaxation);
             self.add(at, &change, &mut states);

@@ -228,6 +228,8 @@ fn clip(
         features: [FeatureId; 2],
         /// The line from here to the next corner: a side of the incident feature, or one that clipping made.
         side: FeatureId,
+        /// The ends of that line when it was made, before any of it was cut off.
+        line: [Vector; 2],
     }
     let Face { plane, sides, .. } = &reference.faces[face];
     let mut incident = Feature::default();
@@ -238,10 +240,15 @@ fn clip(
             at,
             features: [face_id(face), id],
             side: edge_id(incident.face, k),
+            line: [at, incident.points[(k + 1) % incident.points.len()]],
         });
     }
     let closed = corners.len() > 2;
-    for (side, plane) in sides.iter().enumerate() {
+    // Sides that face each other come one after the other: what mirrors one in the other is then cut alike at both.
+    let half = sides.len() / 2;
+    let facing = (0..half).flat_map(|side| [side, side + half]);
+    for side in facing.chain(2 * half..sides.len()) {
+        let plane = &sides[side];
         if corners
             .iter()
             .all(|corner| plane.height(corner.at) <= merge)
@@ -264,20 +271,24 @@ fn clip(
             let there = plane.height(next.at);
             if (here <= merge) != (there <= merge) {
                 let leaving = here <= merge;
-                // From the end that stays, whichever way round the side is walked: the two sides of a patch that is its own
-                // mirror image are walked in opposite ways, and are to end at points that mirror each other to the last bit.
-                let (stays, goes) = if leaving {
-                    (corner.at, next.at)
-                } else {
-                    (next.at, corner.at)
-                };
-                let (low, high) = (here.min(there), here.max(there));
+                // Of the whole side, from the end that stays: the two sides of a patch that is its own mirror image are
+                // walked in opposite ways, and cut from opposite ends, one of them first. They are to end at points that
+                // mirror each other to the last bit.
+                let [from, to] = corner.line;
+                let (stays, goes) = if leaving { (from, to) } else { (to, from) };
+                let (low, high) = (plane.height(stays), plane.height(goes));
                 let at = stays + (goes - stays) * (low / (low - high));
                 kept.push(Corner {
                     at,
                     features: [cut, corner.side],
                     side: if leaving { cut } else { corner.side },
+                    line: [from, to],
                 });
+            }
+        }
+        for k in 0..kept.len() {
+            if kept[k].side == cut {
+                kept[k].line = [kept[k].at, kept[(k + 1) % kept.len()].at];
             }
         }
         std::mem::swap(&mut corners, &mut kept);
@@ -433,7 +444,7 @@ mod tests {
                 let [x, y, z] = point.position.to_array();
                 let image = Vector::new(x, -y, z);
                 let same = |other: &Point| other.position == image && other.gap == point.gap;
-                assert!(points.iter().any(same));
+                assert!(points.iter().any(same), "{points:?}");
             }
         }
         assert!(clipped > 300, "{clipped} patches of four points");

@@ -313,7 +313,7 @@ mod tests {
                 octs[l].0[k] = (10 * l + k) as f64;
             }
         }
-        let places = octs.each_mut().map(|oct| std::ptr::from_mut(oct));
+        let places = octs.each_mut().map(std::ptr::from_mut);
         // SAFETY: they are this function's own.
         let entries = unsafe { V::gathered(&places) };
         let mut memory = Oct([-1.0; LANES]);
