@@ -266,9 +266,9 @@ impl Stacked for Stack {
     }
 
     fn free_motion(&self) -> Option<Cow<'_, FreeMotion>> {
-        // Where all contacts close, nobody asks.
-        let apart = |contact: &[f64]| contact[0] < 0.0;
-        if !self.b.chunks_exact(self.layout.rows).any(apart) {
+        // Where no contact is apart, nobody asks.
+        let largest = presolve::largest(&self.b);
+        if !presolve::any_apart(&self.b, self.layout.rows, largest) {
             return None;
         }
         let columns = self.layout.columns;

@@ -48,6 +48,11 @@ use super::{Form, FreeMotion, ROUNDING, View};
 /// Of what is reached, the part by which a contact must be beyond it: far above what rounding adds to the ball.
 const BEYOND: f64 = 1e-9;
 
+/// Whether any contact is apart by more than rounding: B, rows of it per contact, and its largest entry.
+pub fn any_apart(b: &[f64], rows: usize, largest: f64) -> bool {
+    b.iter().step_by(rows).any(|b| *b < -ROUNDING * largest)
+}
+
 /// Whether no impulse solves these contacts.
 pub fn nothing_closes(view: &View, contacts: &[u32]) -> bool {
     contacts.iter().all(|&contact| {
@@ -64,8 +69,6 @@ pub fn nothing_closes(view: &View, contacts: &[u32]) -> bool {
 pub struct Reach<'a> {
     view: &'a View<'a>,
     change: Change<'a>,
-    /// The normal row of Ĵ c at each contact; most of the time nobody asks for the others.
-    normals: Vec<f64>,
     /// ‖c‖² of each body; where A is all there is, the share of each contact in it.
     squares: Cow<'a, [f64]>,
 }
@@ -83,8 +86,7 @@ enum Change<'a> {
 impl<'a> Reach<'a> {
     /// A proposal for the whole system; None where no contact is apart by more than rounding, or where it cannot be made.
     pub fn of(view: &'a View<'a>) -> Option<Self> {
-        let apart = -ROUNDING * view.largest;
-        if !(0..view.contacts() as u32).any(|contact| view.target(contact)[0] < apart) {
+        if !any_apart(view.b, view.rows, view.largest) {
             return None;
         }
         let (change, squares) = match view.form {
@@ -97,15 +99,11 @@ impl<'a> Reach<'a> {
                 _ => push_on_bodies(view),
             },
         };
-        let mut reach = Self {
+        Some(Self {
             view,
             change,
-            normals: Vec::new(),
             squares,
-        };
-        let contacts = 0..view.contacts() as u32;
-        reach.normals = contacts.map(|contact| reach.opening(contact, 0)).collect();
-        Some(reach)
+        })
     }
 
     /// A row of Ĵ c.
@@ -144,28 +142,50 @@ impl<'a> Reach<'a> {
         };
         let square: f64 = members.iter().map(|&k| self.squares[k as usize]).sum();
         let radius = 0.5 * square.max(0.0).sqrt();
-        let least = self.least(contacts);
         // How far a contact is beyond what the impulses reach, and that, by the normal alone.
-        let beyond = |contact: u32, factor: f64| {
+        let beyond = |contact: u32, normal: f64, factor: f64| {
             let reached = (1.0 + BEYOND) * factor * radius * squared_normal(view, contact).sqrt();
-            let middle = 0.5 * factor * self.normals[contact as usize];
+            let middle = 0.5 * factor * normal;
             (middle - view.target(contact)[0] - reached, reached)
         };
-        // A ball that is larger reaches further: what is within reach of the smallest is within that of any other.
-        let apart = |&contact: &u32| {
-            view.target(contact)[0] < 0.0 && !within(beyond(contact, least).0, 0.0)
+        // A ball that is larger reaches further: what is within reach of the smallest is within that of any other, and the
+        // one that opens the contact that closes fastest is no larger than the one that opens all.
+        let apart = |contact: u32, factor: f64| {
+            let normal = || self.opening(contact, 0);
+            view.target(contact)[0] < 0.0 && !within(beyond(contact, normal(), factor).0, 0.0)
         };
-        if !contacts.iter().any(apart) {
+        let closing = |&contact: &u32| view.target(contact)[0];
+        let fastest = contacts.iter().copied();
+        let fastest = fastest.max_by(|one, other| closing(one).total_cmp(&closing(other)));
+        let least = fastest.map_or(0.0, |contact| {
+            self.least_of(contact, self.opening(contact, 0))
+        });
+        if !contacts.iter().any(|&contact| apart(contact, least)) {
+            return;
+        }
+        let normals: Vec<f64> = contacts.iter().map(|&k| self.opening(k, 0)).collect();
+        let each = || contacts.iter().copied().zip(normals.iter().copied());
+        let least = each().fold(0.0_f64, |least, (contact, normal)| {
+            least.max(self.least_of(contact, normal))
+        });
+        if !contacts.iter().any(|&contact| apart(contact, least)) {
             return;
         }
         let opens_all = |&factor: &f64| {
-            factor.is_finite() && contacts.iter().all(|&contact| self.opens(contact, factor))
+            factor.is_finite()
+                && each().all(|(contact, normal)| self.opens(contact, normal, factor))
         };
         let Some(factor) = [least, 1.0].into_iter().find(opens_all) else {
             return;
         };
+        let mut normals = normals.into_iter();
         contacts.retain(|&contact| {
-            let (normal, reached) = beyond(contact, factor);
+            let normal = normals.next().expect("one of each contact");
+            // ½ Ĵ_n c is within what is reached.
+            if view.target(contact)[0] >= 0.0 {
+                return true;
+            }
+            let (normal, reached) = beyond(contact, normal, factor);
             let sliding = if view.law == Law::Cone && view.has_friction(contact) {
                 let middle = self.sliding(contact);
                 let middle = middle
@@ -182,22 +202,20 @@ impl<'a> Reach<'a> {
         });
     }
 
-    /// The least factor by which c opens the normals of all contacts; infinity where there is none.
-    fn least(&self, contacts: &[u32]) -> f64 {
-        contacts.iter().fold(0.0_f64, |least, &contact| {
-            let closing = self.view.target(contact)[0];
-            if closing > 0.0 {
-                least.max(closing / self.normals[contact as usize].max(0.0))
-            } else {
-                least
-            }
-        })
+    /// The least factor by which c opens the normal of a contact, whose row of Ĵ c it gets; infinity where there is none.
+    fn least_of(&self, contact: u32, normal: f64) -> f64 {
+        let closing = self.view.target(contact)[0];
+        if closing > 0.0 {
+            closing / normal.max(0.0)
+        } else {
+            0.0
+        }
     }
 
     /// Whether s = factor Ĵ c − B is in K*, to rounding.
-    fn opens(&self, contact: u32, factor: f64) -> bool {
+    fn opens(&self, contact: u32, normal: f64, factor: f64) -> bool {
         let view = self.view;
-        let normal = factor * self.normals[contact as usize] - view.target(contact)[0];
+        let normal = factor * normal - view.target(contact)[0];
         let sliding = if view.has_friction(contact) {
             let left = self.sliding(contact).map(|(r, b)| factor * r - b);
             view.friction[contact as usize] * left.map(|s| s * s).sum::<f64>().sqrt()
@@ -296,11 +314,9 @@ impl FreeMotion {
         width: usize,
         inverse_masses: impl Iterator<Item = Block>,
     ) -> Option<Self> {
-        let mut scratch = Vec::new();
         let bodies = velocity.chunks_exact(width).zip(inverse_masses);
-        let energies = bodies.map(|(velocity, inverse_mass)| {
-            twice_kinetic_energy(inverse_mass.as_ref(), velocity, &mut scratch)
-        });
+        let energies = bodies
+            .map(|(velocity, inverse_mass)| twice_kinetic_energy(inverse_mass.as_ref(), velocity));
         Some(Self {
             energies: energies.collect::<Option<_>>()?,
             velocity,
@@ -309,11 +325,7 @@ impl FreeMotion {
 }
 
 /// v·M v; None where M⁻¹ is singular and the body moves.
-fn twice_kinetic_energy(
-    inverse_mass: &[f64],
-    velocity: &[f64],
-    scratch: &mut Vec<f64>,
-) -> Option<f64> {
+fn twice_kinetic_energy(inverse_mass: &[f64], velocity: &[f64]) -> Option<f64> {
     let width = velocity.len();
     let entry = |row: usize, column: usize| inverse_mass[row * width + column];
     if velocity.iter().all(|&v| v == 0.0) {
@@ -322,26 +334,25 @@ fn twice_kinetic_energy(
     if width == 6 && (3..6).all(|row| (0..3).all(|column| entry(row, column) == 0.0)) {
         // Translation and rotation, each for itself.
         let (linear, angular) = velocity.split_at(3);
-        let translation = by_factors(3, entry, linear, scratch)?;
+        let translation = by_factors(3, entry, linear, &mut [0.0; 12])?;
         if angular.iter().all(|&w| w == 0.0) {
             return Some(translation);
         }
         let turn = |row: usize, column: usize| entry(row + 3, column + 3);
-        return Some(translation + by_factors(3, turn, angular, scratch)?);
+        return Some(translation + by_factors(3, turn, angular, &mut [0.0; 12])?);
     }
-    by_factors(width, entry, velocity, scratch)
+    let mut scratch = vec![0.0; width * (width + 1)];
+    by_factors(width, entry, velocity, &mut scratch)
 }
 
-/// v·A⁻¹ v by factors A = L D Lᵀ of n rows.
+/// v·A⁻¹ v by factors A = L D Lᵀ of n rows, in a scratch of n (n + 1) zeros.
 #[inline(always)]
 fn by_factors(
     n: usize,
     entry: impl Fn(usize, usize) -> f64,
     velocity: &[f64],
-    scratch: &mut Vec<f64>,
+    scratch: &mut [f64],
 ) -> Option<f64> {
-    scratch.clear();
-    scratch.resize(n * n + n, 0.0);
     // L, and L⁻¹ v divided by D.
     let (factor, solved) = scratch.split_at_mut(n * n);
     let mut square = 0.0;
@@ -375,24 +386,19 @@ mod tests {
 
     #[test]
     fn energy_needs_every_direction_to_have_a_mass() {
-        let free = twice_kinetic_energy(&[0.5, 0.0, 0.0, 0.25], &[3.0, 1.0], &mut Vec::new())
-            .expect("regular");
+        let free = twice_kinetic_energy(&[0.5, 0.0, 0.0, 0.25], &[3.0, 1.0]).expect("regular");
         assert!((free - 22.0).abs() < 1e-14);
         assert_eq!(
-            twice_kinetic_energy(&[0.5, 0.0, 0.0, 0.0], &[3.0, 1.0], &mut Vec::new()),
+            twice_kinetic_energy(&[0.5, 0.0, 0.0, 0.0], &[3.0, 1.0]),
             None
         );
-        assert_eq!(
-            twice_kinetic_energy(&[0.0; 4], &[0.0; 2], &mut Vec::new()),
-            Some(0.0)
-        );
+        assert_eq!(twice_kinetic_energy(&[0.0; 4], &[0.0; 2]), Some(0.0));
     }
 
     #[test]
     fn energy_follows_the_inverse_of_coupled_blocks() {
         // M = [[2, −1], [−1, 2]] / 3 is the inverse of [[2, 1], [1, 2]].
-        let energy = twice_kinetic_energy(&[2.0, 1.0, 1.0, 2.0], &[1.0, 3.0], &mut Vec::new())
-            .expect("regular");
+        let energy = twice_kinetic_energy(&[2.0, 1.0, 1.0, 2.0], &[1.0, 3.0]).expect("regular");
         assert!((energy - 14.0 / 3.0).abs() < 1e-14);
     }
 }

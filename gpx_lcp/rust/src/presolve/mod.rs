@@ -50,6 +50,7 @@ mod single;
 mod spatial;
 mod translational;
 
+pub use inactive::any_apart;
 pub use islands::all_islands;
 pub use lift::{Model, Part, size};
 pub use parts::{Reduced, Size, Summary, each, reduce, summary};
@@ -199,5 +200,12 @@ impl<'a, const ROWS: usize, const WIDTH: usize> Shaped<'a, ROWS, WIDTH> {
 
 /// The largest size of an entry.
 pub fn largest(values: &[f64]) -> f64 {
-    values.iter().fold(0.0, |most, value| most.max(value.abs()))
+    // Four at a time, rather than each waiting for the one before.
+    let (fours, rest) = values.as_chunks::<4>();
+    let mut most = [0.0_f64; 4];
+    for four in fours {
+        (0..4).for_each(|k| most[k] = most[k].max(four[k].abs()));
+    }
+    let all = most.iter().chain(rest);
+    all.fold(0.0, |most, value| most.max(value.abs()))
 }
