@@ -54,7 +54,13 @@ pub fn islands(view: &View, contacts: &[u32]) -> Vec<Vec<u32>> {
         let root = find(&mut parent, body) as usize;
         if island_of[root] == u32::MAX {
             island_of[root] = islands.len() as u32;
-            islands.push(Vec::new());
+            // As a rule the first one has most of them.
+            let all = if islands.is_empty() {
+                contacts.len()
+            } else {
+                0
+            };
+            islands.push(Vec::with_capacity(all));
         }
         islands[island_of[root] as usize].push(contact);
     }

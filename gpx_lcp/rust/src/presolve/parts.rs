@@ -280,12 +280,13 @@ fn stays_sized<const R: usize, const D: usize>(
 
 /// Where contacts that are sorted by bodies have those of the same bodies.
 fn runs(view: &View, contacts: &[u32]) -> Vec<std::ops::Range<usize>> {
+    let mut runs = Vec::with_capacity(contacts.len());
     let mut begin = 0;
-    let ranges = view.by_pairs(contacts).map(|run| {
+    for run in view.by_pairs(contacts) {
+        runs.push(begin..begin + run.len());
         begin += run.len();
-        begin - run.len()..begin
-    });
-    ranges.collect()
+    }
+    runs
 }
 
 /// Islands, and the contacts of each, in an order that does not depend on the order they came in, by bodies first.
@@ -301,7 +302,12 @@ fn in_order(view: &View, islands: Vec<Vec<u32>>) -> Vec<Vec<u32>> {
                 let first = contacts.iter().copied().min_by(ascend);
                 return (first.expect("an island has a contact"), contacts);
             }
-            if !contacts.is_sorted_by(|one, other| ascend(one, other).is_le()) {
+            let bodies = |contact: &u32| view.bodies_of(*contact);
+            if contacts.is_sorted_by(|one, other| by_bodies(bodies(one), bodies(other)).is_le()) {
+                // So they come from a scene. Few contacts at a time are sorted in no time.
+                let pairs = contacts.chunk_by_mut(|one, other| bodies(one) == bodies(other));
+                pairs.for_each(|pair| pair.sort_by(ascend));
+            } else {
                 contacts.sort_by(ascend);
             }
             (contacts[0], contacts)
