@@ -146,7 +146,7 @@ pub fn reduce(view: &View) -> Option<Reduced> {
     if let Some(largest) = pieces.iter().max_by_key(|piece| piece.len())
         && stays_as_it_is(view, largest, &mut local)
     {
-        if WORTH_TAKING * (view.contacts() - largest.len()) < view.contacts() {
+        if is_nearly_all(view, largest.len()) {
             return None;
         }
         // Others like it are as soon done with.
@@ -203,6 +203,12 @@ pub fn reduce(view: &View) -> Option<Reduced> {
             }
         }
     }
+    let stays =
+        |part: &Part| part.model == Model::Spatial && is_nearly_all(view, part.size().contacts);
+    if view.swept && parts.iter().any(stays) {
+        // A sweep over it takes as long as one over the whole, and the way to it has taken as long as some more.
+        return None;
+    }
     let parts = gathered(parts);
     if parts.len() == 1
         && summary.after.contacts == view.contacts()
@@ -224,6 +230,11 @@ pub fn reduce(view: &View) -> Option<Reduced> {
         parts,
         summary,
     })
+}
+
+/// Whether so few contacts are beside these that taking them away is not worth what it costs.
+fn is_nearly_all(view: &View, contacts: usize) -> bool {
+    WORTH_TAKING * (view.contacts() - contacts) < view.contacts()
 }
 
 /// Whether no proposal for these contacts stands, as is soon seen of most that do not lie in a plane, before they are put in
