@@ -328,6 +328,20 @@ def test_islands_do_not_depend_on_the_number_of_threads(solver):
         assert other.history == alone.history
 
 
+def test_a_large_wall_is_as_planar_on_any_number_of_threads():
+    """Its pieces are worked out by the threads, and put together again."""
+    system = gpx.World(gpx.scenes.wall(24), time_step=1 / 240).system()
+    effort = {"solver": "pgs", "tolerance": 1e-15, "max_iterations": 5}
+    alone = gpx.solve(system, **effort)
+    assert [item.name for item in alone.presolve.reductions] == ["planar"]
+    for threads in (2, 3):
+        other = gpx.solve(system, threads=threads, **effort)
+        np.testing.assert_array_equal(other.impulse, alone.impulse)
+        assert other.presolve == alone.presolve
+    newton = [gpx.solve(system, solver="newton", tolerance=1e-12, presolve=presolve) for presolve in (True, False)]
+    np.testing.assert_allclose(newton[0].velocity, newton[1].velocity, atol=1e-10)
+
+
 @pytest.mark.parametrize("formulation", ["normal", "cone", "coulomb"])
 def test_threads_share_a_large_part_and_small_ones_alike(formulation):
     """One island of 2 800 contacts that is most of the system, swept by threads, beside some that are handed out."""

@@ -318,7 +318,7 @@ pub fn solve(
         let free = asked.free_motion();
         let swept = matches!(effort.method, Method::Sweeps { .. });
         let view = asked.view(law, free.as_deref(), swept);
-        if let Some(reduced) = presolve::reduce(&view) {
+        if let Some(reduced) = presolve::reduce(&view, effort.threads) {
             let mut answer = by_parts(&view, reduced, effort, &limits, start)?;
             answer.elapsed = begun.elapsed();
             answer.measure(system, effort);

@@ -202,13 +202,19 @@ impl BlockMatrix {
 
     /// Takes another matrix of blocks of the same size in, below and beside this one.
     pub fn append(&mut self, other: &Self) {
-        let (blocks, columns) = (self.columns.len(), self.block_columns as u32);
+        let columns = self.block_columns as u32;
+        self.block_columns += other.block_columns;
+        self.extend(other, columns);
+    }
+
+    /// Takes the rows of another matrix of blocks of the same size in, moved so many block columns.
+    pub fn extend(&mut self, other: &Self, columns: u32) {
+        let blocks = self.columns.len();
         let starts = other.starts[1..].iter();
         self.starts.extend(starts.map(|start| start + blocks));
         let moved = other.columns.iter();
         self.columns.extend(moved.map(|column| column + columns));
         self.values.extend_from_slice(&other.values);
-        self.block_columns += other.block_columns;
     }
 
     pub fn block_rows(&self) -> usize {

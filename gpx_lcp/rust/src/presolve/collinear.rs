@@ -6,12 +6,17 @@
 //! the same to cancel, and nothing along the tangents. Then friction has nothing to do, and the theorem of this folder holds
 //! with C_i the normal: a tower of cubes at rest is a column of point masses, a quarter of the load at each corner.
 
-use super::lift::{Columns, Direction, Groups, LARGEST, Model, Proposal, Share, dot, within};
+use super::lift::{
+    Columns, Direction, Groups, LARGEST, Model, Piece, Proposal, Share, dot, within,
+};
 use super::local_bodies::LocalBodies;
 use super::{ROUNDING, Shaped, View};
 
 /// Of a velocity, what is surely no rounding.
 const ROUGH: f64 = 1e-6;
+
+/// The square of a cosine that is one, to rounding.
+const PARALLEL: f64 = (1.0 - ROUNDING) * (1.0 - ROUNDING);
 
 /// Whether anything slides before the impulses where there is friction.
 pub fn slides(view: &View, contacts: &[u32]) -> bool {
@@ -60,12 +65,14 @@ pub fn propose<const R: usize, const D: usize>(
             if !within((dot(first, line) - square).abs(), ROUGH * square) {
                 return None;
             }
-            let length = square.sqrt();
-            line.iter_mut().for_each(|value| *value /= length);
             let known = &mut directions[local.number(body)][..view.width()];
             if known.iter().all(|&value| value == 0.0) {
-                known.copy_from_slice(line);
-            } else if dot(known, line).abs() < 1.0 - ROUNDING {
+                let length = square.sqrt();
+                known
+                    .iter_mut()
+                    .zip(line)
+                    .for_each(|(known, value)| *known = *value / length);
+            } else if dot(known, line).powi(2) < PARALLEL * square {
                 return None;
             }
         }
@@ -79,8 +86,11 @@ pub fn propose<const R: usize, const D: usize>(
     Some(Proposal {
         model: Model::Collinear,
         rows: 1,
-        groups,
-        shares,
+        pieces: vec![Piece {
+            contacts: 0..contacts.len(),
+            groups,
+            shares,
+        }],
         columns: Columns::Some(1, directions),
     })
 }

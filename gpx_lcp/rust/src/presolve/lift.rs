@@ -1,6 +1,9 @@
 //! A proposal put to the conditions that make it exact, and the reduced system with its way back if it stands.
 
+use std::ops::Range;
+
 use crate::exact::BlockMatrix;
+use crate::team::Team;
 
 use super::local_bodies::LocalBodies;
 use super::{Form, ROUNDING, Shaped, Size, View};
@@ -57,10 +60,26 @@ pub struct Proposal {
     pub model: Model,
     /// Rows of a reduced contact.
     pub rows: usize,
-    pub groups: Groups,
-    /// In the order of the island's contacts; those of a group share their bodies.
-    pub shares: Vec<Share>,
+    pub pieces: Vec<Piece>,
     pub columns: Columns,
+}
+
+impl Proposal {
+    /// Contacts after the reduction.
+    pub fn len(&self) -> usize {
+        self.pieces.iter().map(|piece| piece.groups.len()).sum()
+    }
+}
+
+/// What becomes of a stretch of an island's contacts, which has all of each of its groups: one thread works it out.
+///
+/// Where the stretches begin and end depends on the contacts alone.
+pub struct Piece {
+    pub contacts: Range<usize>,
+    /// Of contacts counted from the first of the stretch.
+    pub groups: Groups,
+    /// In the order of the contacts; those of a group share their bodies.
+    pub shares: Vec<Share>,
 }
 
 /// A reduced system, and where its contacts come from.
@@ -77,24 +96,60 @@ pub struct Part {
 }
 
 impl Part {
-    /// The reduced system of an island, or None where the proposal is not exact.
+    /// The reduced system of an island, or None where the proposal is not exact; the team takes part.
     pub fn new<const R: usize, const D: usize>(
         view: Shaped<R, D>,
         contacts: &[u32],
         proposal: Proposal,
         local: &LocalBodies,
+        team: &Team,
     ) -> Option<Self> {
+        if proposal.model == Model::Spatial && proposal.len() == contacts.len() {
+            return Some(Self::untouched(&view, contacts, local));
+        }
         let Proposal {
             model,
             rows,
-            groups,
-            shares,
+            pieces,
             columns,
         } = proposal;
-        if model == Model::Spatial && groups.len() == contacts.len() {
-            return Some(Self::untouched(&view, contacts, local));
+        let of = |piece: Piece| {
+            let contacts = &contacts[piece.contacts];
+            let (groups, shares) = (&piece.groups, piece.shares);
+            Self::of_piece(
+                view,
+                (model, rows),
+                contacts,
+                groups,
+                shares,
+                &columns,
+                local,
+            )
+        };
+        let mut work: Vec<_> = pieces
+            .into_iter()
+            .map(|piece| (Some(piece), None))
+            .collect();
+        team.each(&mut work, |(piece, part)| *part = piece.take().and_then(of));
+        let mut parts = work.into_iter().map(|(_, part)| part);
+        let mut part = parts.next()??;
+        for other in parts {
+            part.join(other?);
         }
-        let width = match columns {
+        Some(part)
+    }
+
+    /// The same of one piece.
+    fn of_piece<const R: usize, const D: usize>(
+        view: Shaped<R, D>,
+        (model, rows): (Model, usize),
+        contacts: &[u32],
+        groups: &Groups,
+        shares: Vec<Share>,
+        columns: &Columns,
+        local: &LocalBodies,
+    ) -> Option<Self> {
+        let width = match *columns {
             Columns::All => view.width(),
             Columns::Some(width, _) => width,
         };
@@ -121,10 +176,10 @@ impl Part {
         };
         part.gather_targets(view)?;
         match columns {
-            Columns::All => part.add_blocks(view, &groups, local)?,
-            Columns::Some(_, bases) => part.project_blocks(view, &groups, &bases, local)?,
+            Columns::All => part.add_blocks(view, groups, local)?,
+            Columns::Some(_, bases) => part.project_blocks(view, groups, bases, local)?,
         }
-        part.growth = part.growth_of(view, &groups);
+        part.growth = part.growth_of(view, groups);
         Some(part)
     }
 
@@ -445,8 +500,20 @@ impl Part {
         self.contacts.iter().map(square).sum()
     }
 
-    /// Takes another part of the same shape in.
+    /// Takes another part of the same shape in, with bodies of its own.
     pub fn append(&mut self, other: Self) {
+        let bodies = self.matrix.block_columns;
+        self.matrix.block_columns += other.matrix.block_columns;
+        self.take_in(other, bodies as u32);
+    }
+
+    /// Takes the next stretch of the same island in.
+    fn join(&mut self, other: Self) {
+        self.take_in(other, 0);
+    }
+
+    /// Takes another part in, whose bodies are counted from `bodies`.
+    fn take_in(&mut self, other: Self, bodies: u32) {
         let groups = self.friction.len() as u32;
         self.contacts.extend(other.contacts);
         self.shares
@@ -454,7 +521,7 @@ impl Part {
                 group: share.group + groups,
                 ..share
             }));
-        self.matrix.append(&other.matrix);
+        self.matrix.extend(&other.matrix, bodies);
         self.b.extend(other.b);
         self.friction.extend(other.friction);
         self.growth.join(other.growth);

@@ -13,6 +13,8 @@ use super::{
 
 /// Contacts, from which on a thread is started: it takes some 30 µs, as long as so many take to be solved.
 const WORTH_A_THREAD: usize = 64;
+/// The same where they are reduced, to something smaller that is solved later.
+const WORTH_REDUCING: usize = 1024;
 /// A system is taken apart for this part of its contacts, one in so many.
 const WORTH_TAKING: usize = 20;
 /// Where nothing slides, something can be taken as a rule, and more contacts than that are not looked at twice.
@@ -81,7 +83,7 @@ pub struct Reduced {
 /// What presolve would do, without solving anything.
 pub fn summary(view: &View) -> Summary {
     let whole = whole_size(view);
-    reduce(view).map_or_else(
+    reduce(view, 1).map_or_else(
         || Summary {
             islands: islands::all_islands(view).len(),
             before: whole,
@@ -124,10 +126,14 @@ pub fn each<Item: Sync, T: Send>(
     results.into_iter().map(done).collect()
 }
 
-/// The parts that are left of a system, or None where nothing can be taken from it.
-pub fn reduce(view: &View) -> Option<Reduced> {
+/// The parts that are left of a system, or None where nothing can be taken from it; on threads where it is large.
+pub fn reduce(view: &View, threads: usize) -> Option<Reduced> {
+    let threads = Team::worth(threads, view.contacts(), WORTH_REDUCING);
+    Team::with(threads, |team| reduced(view, team))
+}
+
+fn reduced(view: &View, team: &Team) -> Option<Reduced> {
     let mut parts = Vec::new();
-    let mut impulse = vec![0.0; view.b.len()];
     let mut summary = Summary {
         before: whole_size(view),
         ..Summary::default()
@@ -162,6 +168,7 @@ pub fn reduce(view: &View) -> Option<Reduced> {
             !stays
         });
     }
+    let mut impulse = vec![0.0; view.b.len()];
     for mut contacts in in_order(view, pieces) {
         local.renumber(view, &contacts);
         let mut whole = part_size(view, &contacts, &local);
@@ -185,7 +192,7 @@ pub fn reduce(view: &View) -> Option<Reduced> {
                 let less = part_size(view, &contacts, &local);
                 summary.count("redundant", 1, whole.less(less));
                 whole = less;
-                let mut part = smallest(view, &contacts, &local)?;
+                let mut part = smallest(view, &contacts, &local, team)?;
                 part.keeps_open(kept_open);
                 part
             }
@@ -390,14 +397,14 @@ fn gathered(parts: Vec<Part>) -> Vec<Part> {
 }
 
 /// The smallest exact model of an island; None where it is the whole system, and stays as it is.
-fn smallest(view: &View, contacts: &[u32], local: &LocalBodies) -> Option<Part> {
+fn smallest(view: &View, contacts: &[u32], local: &LocalBodies, team: &Team) -> Option<Part> {
     // The same code each time, made for blocks of this size.
     match (view.rows, view.width) {
-        (1, 3) => smallest_sized::<1, 3>(Shaped(view), contacts, local),
-        (1, 6) => smallest_sized::<1, 6>(Shaped(view), contacts, local),
-        (3, 3) => smallest_sized::<3, 3>(Shaped(view), contacts, local),
-        (3, 6) => smallest_sized::<3, 6>(Shaped(view), contacts, local),
-        _ => smallest_sized::<0, 0>(Shaped(view), contacts, local),
+        (1, 3) => smallest_sized::<1, 3>(Shaped(view), contacts, local, team),
+        (1, 6) => smallest_sized::<1, 6>(Shaped(view), contacts, local, team),
+        (3, 3) => smallest_sized::<3, 3>(Shaped(view), contacts, local, team),
+        (3, 6) => smallest_sized::<3, 6>(Shaped(view), contacts, local, team),
+        _ => smallest_sized::<0, 0>(Shaped(view), contacts, local, team),
     }
 }
 
@@ -405,13 +412,14 @@ fn smallest_sized<const R: usize, const D: usize>(
     view: Shaped<R, D>,
     contacts: &[u32],
     local: &LocalBodies,
+    team: &Team,
 ) -> Option<Part> {
     let alone = contacts.len() == view.contacts();
     let runs = runs(&view, contacts);
-    let stands = |proposal| Part::new(view, contacts, proposal, local);
+    let stands = |proposal| Part::new(view, contacts, proposal, local, team);
     if view.width <= LARGEST {
         let collinear = collinear::propose(view, contacts, &runs, local).and_then(stands);
-        let planar = || planar::propose(view, contacts, &runs, local).find_map(stands);
+        let planar = || planar::propose(view, contacts, &runs, local, team).find_map(stands);
         let found = collinear.or_else(planar);
         if let Some(part) = found {
             return Some(part);
@@ -421,7 +429,7 @@ fn smallest_sized<const R: usize, const D: usize>(
     let proposal = translational::propose(view, contacts, local, all);
     if alone
         && proposal.model == Model::Spatial
-        && proposal.groups.len() == contacts.len()
+        && proposal.len() == contacts.len()
         && contacts.len() > 1
     {
         return None;

@@ -10,9 +10,17 @@
 //! The weights of m contacts at y_i along e, from the plane through the body's centre of mass, are the smallest with Σ w = 1,
 //! Σ w y = 0: w_i = (Σ y² − y_i Σ y) / (m Σ y² − (Σ y)²), equal ones where the contacts lie symmetrically.
 
-use super::lift::{Columns, Direction, Groups, LARGEST, Model, Proposal, Share, size, within};
+use std::ops::Range;
+
+use crate::team::Team;
+
+use super::lift::{
+    Columns, Direction, Groups, LARGEST, Model, Piece, Proposal, Share, size, within,
+};
 use super::local_bodies::LocalBodies;
 use super::{ROUNDING, Shaped};
+
+type Runs<'a> = &'a [Range<usize>];
 
 type Axis = [f64; 3];
 
@@ -22,6 +30,9 @@ const ROUGH: f64 = 1e-6;
 /// Pairs of bodies: what fails as a rule fails at one of the first.
 const TELLING: usize = 8;
 
+/// Contacts of a piece of work, at least: some hundred microseconds.
+const PIECE: usize = 256;
+
 /// Normals closer to parallel than this do not tell the plane between them.
 const DISTINCT: f64 = 1e-3;
 
@@ -30,13 +41,18 @@ const DISTINCT: f64 = 1e-3;
 pub fn may_be<const R: usize, const D: usize>(
     view: Shaped<R, D>,
     contacts: &[u32],
-    runs: &[std::ops::Range<usize>],
+    runs: Runs,
 ) -> bool {
     Frames::of(view).is_some_and(|frames| {
         let axes = frames.normals_of_plane(contacts);
         let first = &runs[..runs.len().min(TELLING)];
-        let contacts = &contacts[..first.last().map_or(0, |run| run.end)];
-        let balanced = |axis: &Axis| frames.gathered(contacts, first, axis).is_some();
+        let frictionless =
+            frames.is_frictionless(&contacts[..first.last().map_or(0, |run| run.end)]);
+        let balanced = |axis: &Axis| {
+            frames
+                .gathered(contacts, first, axis, frictionless)
+                .is_some()
+        };
         axes.iter().any(balanced)
     })
 }
@@ -46,12 +62,13 @@ pub fn may_be<const R: usize, const D: usize>(
 pub fn propose<const R: usize, const D: usize>(
     view: Shaped<R, D>,
     contacts: &[u32],
-    runs: &[std::ops::Range<usize>],
+    runs: Runs,
     local: &LocalBodies,
+    team: &Team,
 ) -> impl Iterator<Item = Proposal> {
     Frames::of(view).into_iter().flat_map(move |frames| {
         let candidates = frames.normals_of_plane(contacts);
-        let propose = move |axis: Axis| frames.in_plane(contacts, runs, local, &axis);
+        let propose = move |axis: Axis| frames.in_plane(contacts, runs, local, &axis, team);
         candidates.into_iter().filter_map(propose)
     })
 }
@@ -118,18 +135,25 @@ impl<'a, const R: usize, const D: usize> Frames<'a, R, D> {
     fn in_plane(
         &self,
         contacts: &[u32],
-        runs: &[std::ops::Range<usize>],
+        runs: Runs,
         local: &LocalBodies,
         axis: &Axis,
+        team: &Team,
     ) -> Option<Proposal> {
         let frictionless = self.is_frictionless(contacts);
-        let (groups, shares) = self.gathered(contacts, runs, axis)?;
-        let columns = self.velocities(contacts, &shares, &groups, local, axis, frictionless);
+        let mut pieces: Vec<_> = stretches(runs).map(|runs| (runs, None)).collect();
+        team.each(&mut pieces, |(runs, piece)| {
+            *piece = self.gathered(contacts, runs, axis, frictionless);
+        });
+        let pieces: Vec<Piece> = pieces
+            .into_iter()
+            .map(|(_, piece)| piece)
+            .collect::<Option<_>>()?;
+        let columns = self.velocities(contacts, &pieces, local, axis, frictionless, team);
         Some(Proposal {
             model: Model::Planar,
             rows: if frictionless { 1 } else { 2 },
-            groups,
-            shares,
+            pieces,
             columns,
         })
     }
@@ -145,12 +169,14 @@ impl<'a, const R: usize, const D: usize> Frames<'a, R, D> {
     fn gathered(
         &self,
         contacts: &[u32],
-        runs: &[std::ops::Range<usize>],
+        runs: Runs,
         axis: &Axis,
-    ) -> Option<(Groups, Vec<Share>)> {
-        let frictionless = self.is_frictionless(contacts);
-        let mut shares: Vec<Share> = Vec::with_capacity(contacts.len());
-        let mut groups = Groups::with_capacity(contacts.len());
+        frictionless: bool,
+    ) -> Option<Piece> {
+        let begin = runs.first().map_or(0, |run| run.start);
+        let end = runs.last().map_or(0, |run| run.end);
+        let mut shares: Vec<Share> = Vec::with_capacity(end - begin);
+        let mut groups = Groups::with_capacity(end - begin);
         let mut places: Vec<Place> = Vec::new();
         for run in runs {
             places.clear();
@@ -163,7 +189,8 @@ impl<'a, const R: usize, const D: usize> Frames<'a, R, D> {
                     tangent: place.tangent,
                 });
             }
-            let shares = &mut shares[run.clone()];
+            let before = run.start - begin;
+            let shares = &mut shares[before..];
             for first in 0..places.len() {
                 if shares[first].group != u32::MAX {
                     continue;
@@ -173,13 +200,17 @@ impl<'a, const R: usize, const D: usize> Frames<'a, R, D> {
                     let beside = at == first || places[at].beside(&places[first]);
                     if shares[at].group == u32::MAX && beside {
                         shares[at].group = group;
-                        groups.push(run.start + at);
+                        groups.push(before + at);
                     }
                 }
-                balance(shares, &places, groups.end(), run.start)?;
+                balance(shares, &places, groups.end(), before)?;
             }
         }
-        Some((groups, shares))
+        Some(Piece {
+            contacts: begin..end,
+            groups,
+            shares,
+        })
     }
 
     /// Where a contact is, seen along the axis; None where its normal is not in the plane, or it slides out of it.
@@ -228,16 +259,47 @@ impl<'a, const R: usize, const D: usize> Frames<'a, R, D> {
         })
     }
 
+    /// Calls `take` with the number of a body, the squared moment and the moment for each row of each group that turns it.
+    #[inline(always)]
+    fn moments(
+        &self,
+        contacts: &[u32],
+        piece: &Piece,
+        local: &LocalBodies,
+        rows: usize,
+        take: &mut impl FnMut(usize, f64, Axis),
+    ) {
+        let (view, contacts) = (self.view, &contacts[piece.contacts.clone()]);
+        for group in piece.groups.iter() {
+            let bodies = view.bodies_of(contacts[group[0] as usize]);
+            for (slot, &body) in bodies.iter().enumerate() {
+                for row in 0..rows {
+                    let mut line = [0.0; LARGEST];
+                    for index in group.iter().map(|&index| index as usize) {
+                        let place = view.places(contacts[index]).start + slot;
+                        let share = &piece.shares[index];
+                        share.add_seen(view, place, row, share.weight, &mut line);
+                    }
+                    let moment = [line[3], line[4], line[5]];
+                    let square = dot(&moment, &moment);
+                    if square > ROUNDING * ROUNDING * dot(&line, &line) {
+                        take(local.number(body), square, moment);
+                    }
+                }
+            }
+        }
+    }
+
     /// The translations in the plane, and for each body the whitened rotation of its largest moment.
     #[inline(always)]
     fn velocities(
         &self,
         contacts: &[u32],
-        shares: &[Share],
-        groups: &Groups,
+        pieces: &[Piece],
         local: &LocalBodies,
         axis: &Axis,
         frictionless: bool,
+        team: &Team,
     ) -> Columns {
         let view = self.view;
         let smallest = (0..3).fold(0, |least, k| {
@@ -260,22 +322,30 @@ impl<'a, const R: usize, const D: usize> Frames<'a, R, D> {
         let rows = if frictionless { 1 } else { 2 };
         // The largest moment of each body, and its square.
         let mut turning = vec![(0.0, [0.0; 3]); local.count()];
-        for group in groups.iter() {
-            let bodies = view.bodies_of(contacts[group[0] as usize]);
-            for (slot, &body) in bodies.iter().enumerate() {
-                for row in 0..rows {
-                    let mut line = [0.0; LARGEST];
-                    for index in group.iter().map(|&index| index as usize) {
-                        let place = view.places(contacts[index]).start + slot;
-                        shares[index].add_seen(view, place, row, shares[index].weight, &mut line);
-                    }
-                    let moment = [line[3], line[4], line[5]];
-                    let square = dot(&moment, &moment);
-                    let (most, direction) = &mut turning[local.number(body)];
-                    if square > *most && square > ROUNDING * ROUNDING * dot(&line, &line) {
-                        (*most, *direction) = (square, moment);
-                    }
-                }
+        let mut take = |number: usize, square: f64, moment: Axis| {
+            let (most, direction) = &mut turning[number];
+            if square > *most {
+                (*most, *direction) = (square, moment);
+            }
+        };
+        if let [piece] = pieces {
+            self.moments(contacts, piece, local, rows, &mut take);
+        } else {
+            let mut found: Vec<_> = pieces.iter().map(|piece| (piece, Vec::new())).collect();
+            team.each(&mut found, |(piece, moments)| {
+                moments.reserve(2 * rows * piece.groups.len());
+                self.moments(
+                    contacts,
+                    piece,
+                    local,
+                    rows,
+                    &mut |number, square, moment| {
+                        moments.push((number, square, moment));
+                    },
+                );
+            });
+            for (number, square, moment) in found.into_iter().flat_map(|(_, moments)| moments) {
+                take(number, square, moment);
             }
         }
         if turning.iter().all(|(most, _)| *most == 0.0) {
@@ -289,6 +359,16 @@ impl<'a, const R: usize, const D: usize> Frames<'a, R, D> {
         }
         Columns::Some(3, directions)
     }
+}
+
+/// Runs of contacts in stretches for one thread each.
+fn stretches(mut runs: Runs) -> impl Iterator<Item = Runs> {
+    std::iter::from_fn(move || {
+        let begin = runs.first()?.start;
+        let full = |run: &Range<usize>| run.end >= begin + PIECE;
+        let count = runs.iter().position(full).map_or(runs.len(), |at| at + 1);
+        runs.split_off(..count)
+    })
 }
 
 /// A contact as seen along the axis.

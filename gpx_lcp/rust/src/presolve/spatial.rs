@@ -5,7 +5,7 @@
 //!   velocity whatever happens: C_i = I and equal weights satisfy (a) to (c). The impulse comes back in equal parts.
 
 use super::Shaped;
-use super::lift::{Columns, Groups, LARGEST, Model, Proposal, Share};
+use super::lift::{Columns, Groups, LARGEST, Model, Piece, Proposal, Share};
 
 /// Propose the rows that matter, and one contact for each set of duplicates.
 pub fn propose<const R: usize, const D: usize>(
@@ -44,8 +44,11 @@ pub fn propose<const R: usize, const D: usize>(
             Model::Spatial
         },
         rows,
-        groups,
-        shares,
+        pieces: vec![Piece {
+            contacts: 0..contacts.len(),
+            groups,
+            shares,
+        }],
         columns: Columns::All,
     }
 }
