@@ -400,6 +400,7 @@ impl BlockMatrix {
         match (self.height, self.width) {
             (3, 6) => self.add_compensated(3, 6, p, w, &mut lost),
             (1, 6) => self.add_compensated(1, 6, p, w, &mut lost),
+            (1, 3) => self.add_compensated(1, 3, p, w, &mut lost),
             (height, width) => self.add_compensated(height, width, p, w, &mut lost),
         }
         w.iter_mut().zip(lost).for_each(|(sum, lost)| *sum += lost);
