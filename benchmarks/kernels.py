@@ -8,12 +8,12 @@ the second-level cache. All are what a program gets on one thread, not what a da
 
 What a sweep has to do for a contact depends on what the contact does; the answer of the sweeps tells how many there are
 of each kind. The states of two bodies, a line of the cache each, are read and written once for the contacts of a patch,
-four in these scenes, which also share half of Ĵ.
+four in these scenes, which also share their frame and the masses and inertias of the bodies (9 + 2 × 7 numbers).
 
-* One that is open, p = 0, needs no more than to be found open: u_n ≥ 0, from the normal rows of two blocks of Ĵ (3 × 6)
-  and B_n.
-* One that sticks reads all three rows, and 13 numbers of the contact itself (impulse, B, half of the inverse of A_ii,
-  μ), and writes the impulse back. It multiplies and adds for Ĵ w and Ĵᵀ dp, for dp = -A_ii⁻¹ u and for the cone.
+* One that is open, p = 0, needs no more than to be found open: u_n ≥ 0, from its two arms, the normal and B_n.
+* One that sticks reads its arms, what it shares, and 13 numbers of its own beside (impulse, B, half of the inverse of
+  A_ii, μ), and writes the impulse back. It multiplies and adds for u from the bodies' velocities, for what dp makes of
+  these (see `arms.rs`), for dp = -A_ii⁻¹ u and for the cone.
 * One that slides, by Coulomb's law, finds out that it does not stick, and reads the half of A_ii and the direction it
   slid in last, which it writes back. b = u - A_ii p, one Newton step on the direction (`heading.rs`) and the ray it
   leads to: two divisions, for neither can wait for the other, and no root. Without friction on a cone (the box) what
@@ -61,11 +61,26 @@ SLIDE_OPERATIONS: Final = 73
 SHARED: Final = 4
 # Of one contact and sweep; see above.
 STATE_BYTES: Final = 2 * 2 * LINE / SHARED
-BLOCK_BYTES: Final = 2 * 3 * 3 * NUMBER * (1 + 1 / SHARED)
+ARM_BYTES: Final = 2 * 3 * NUMBER
+PATCH_BYTES: Final = (9 + 2 * 7) * NUMBER / SHARED
 # Open, sticking, and what sliding needs more.
-SWEEP_BYTES: Final = (BLOCK_BYTES / 3 + 2 * NUMBER, BLOCK_BYTES + (13 + 3) * NUMBER, (6 + 2 + 2) * NUMBER)
-# Sticking: Ĵ w, Ĵᵀ dp, A_ii⁻¹ u, p + dp, the cone. Sliding: A_ii p; the step itself, as `heading.rs` has it.
-SWEEP_OPERATIONS: Final = (2 * 2 * 6, 2 * 2 * (2 * 3 * 6) + 2 * 3 * 3 + 3 + 4, 2 * 3 * 3 + SLIDE_OPERATIONS)
+SWEEP_BYTES: Final = (
+    ARM_BYTES + 3 * NUMBER / SHARED + 2 * NUMBER,
+    ARM_BYTES + PATCH_BYTES + (13 + 3) * NUMBER,
+    (6 + 2 + 2) * NUMBER,
+)
+# v + ω × r of two bodies and what is between them, and one entry of it along an axis.
+MOTION_OPERATIONS: Final = 2 * 12 + 3
+AXIS_OPERATIONS: Final = 2 * 3
+# Of one body: f/m, r × f and I⁻¹ (r × f).
+PUSH_OPERATIONS: Final = 2 * 3 + 3 * 3 + 2 * 9
+# Sticking: u, Eᵀ dp and what it does to both bodies, A_ii⁻¹ u, p + dp, the cone. Sliding: A_ii p; the step itself, as
+# `heading.rs` has it.
+SWEEP_OPERATIONS: Final = (
+    MOTION_OPERATIONS + AXIS_OPERATIONS,
+    MOTION_OPERATIONS + 2 * 3 * AXIS_OPERATIONS + 2 * PUSH_OPERATIONS + 2 * 3 * 3 + 3 + 4,
+    2 * 3 * 3 + SLIDE_OPERATIONS,
+)
 SWEEP_DIVISIONS: Final = (0, 0, 2)
 # What the machine's own lines in the table go through, bytes: within the second-level cache of any machine of today,
 # and beyond the last. In fewer bytes than the first, calls of numpy would be measured.
