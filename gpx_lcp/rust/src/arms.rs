@@ -32,7 +32,7 @@ const ROUNDING: f64 = 1e-14;
 /// J and M⁻¹ of rigid bodies, beside Ĵ.
 #[derive(Clone, Copy)]
 pub struct Rigid<'a> {
-    /// Blocks of 3 × 6 in the places of those of Ĵ: ±e_k and ±r × e_k by rows, e_k a right-handed frame.
+    /// Blocks of 3 × 6 in the places of those of Ĵ: ±e_k and ±r × e_k by rows, e_k an orthonormal frame.
     pub jacobian: &'a [f64],
     pub masses: Masses<'a>,
 }

@@ -5,7 +5,8 @@
 //! four, where registers are half as wide.
 //!
 //! The choice is made when the program runs. With FMA a product and its sum are rounded together, without it one after
-//! the other: the last digits of a sweep differ between the two kinds of processor, never between runs on one of them.
+//! the other, and the direction of a contact's friction follows while any contact of its register slides: the last digits of
+//! a sweep differ between kinds of processor, never between runs on one of them.
 
 use std::ops::{Add, Div, Mul, Neg, Range, Sub};
 
