@@ -1,8 +1,8 @@
 //! Sweeps over contacts eight abreast, colour after colour.
 //!
-//! The states w = Ĵᵀ p of the bodies of eight groups (see `factored`; of rigid bodies, their velocities: see `arms`) are read and written once for the whole groups. Threads
-//! share the batches of a colour, and are waited for before the next colour begins. Who visits a batch changes nothing in
-//! it, so the bits do not depend on the number of threads.
+//! The states w = Ĵᵀ p of the bodies of eight groups (see `factored`; of rigid bodies, their velocities: see `arms`) are
+//! read and written once for the whole groups. Threads share the batches of a colour, and are waited for before the next
+//! colour begins. Who visits a batch changes nothing in it, so the bits do not depend on the number of threads.
 
 use std::marker::PhantomData;
 use std::mem::MaybeUninit;
@@ -59,6 +59,16 @@ pub trait Rows<const R: usize, const D: usize> {
         change: &[V; R],
         states: &mut [[V; D]; 2],
     );
+}
+
+/// A number of a visit's rows, for all lanes.
+///
+/// # Safety
+/// The line was written.
+#[inline(always)]
+pub unsafe fn line<V: OctLanes>(rows: &[MaybeUninit<Oct>], at: usize) -> V {
+    // SAFETY: the caller's promise.
+    V::load(unsafe { rows.get_unchecked(at).assume_init_ref() })
 }
 
 /// Eight groups: the states that their lanes work on, and their visits.

@@ -13,12 +13,12 @@
 
 use std::mem::MaybeUninit;
 
-use crate::abreast::{Place, Room, Rows};
+use crate::abreast::{Place, Room, Rows, line};
 use crate::colouring::NONE;
 use crate::exact::BlockMatrix;
 use crate::factored::{Source, Visit};
 use crate::lanes::{LANES, Oct, OctLanes};
-use crate::small_matrix::{Matrix, Vector, dot};
+use crate::small_matrix::{Matrix, Vector, cross, dot};
 use crate::stacking::MassRoot;
 
 /// Entries of the frame, and of the mass and the inertia of both bodies, of a patch; the arms of a contact.
@@ -63,14 +63,6 @@ impl Masses<'_> {
 /// The rows of one block of J: where forces act, and their moments.
 fn halves(block: &[f64]) -> [Matrix<3>; 2] {
     [0, 3].map(|first| std::array::from_fn(|r| std::array::from_fn(|d| block[6 * r + first + d])))
-}
-
-fn cross(x: &Vector<3>, y: &Vector<3>) -> Vector<3> {
-    [
-        x[1] * y[2] - x[2] * y[1],
-        x[2] * y[0] - x[0] * y[2],
-        x[0] * y[1] - x[1] * y[0],
-    ]
 }
 
 /// r of rows f_k and r × f_k, f_k being an orthonormal basis: 2 r = Σ f_k × (r × f_k).
@@ -126,25 +118,9 @@ fn is_rigid_contact(bodies: &[u32], blocks: impl Iterator<Item = [Matrix<3>; 2]>
 pub struct Arms;
 
 #[inline(always)]
-unsafe fn line<V: OctLanes>(rows: &[MaybeUninit<Oct>], at: usize) -> V {
-    // SAFETY: the caller's promise.
-    V::load(unsafe { rows.get_unchecked(at).assume_init_ref() })
-}
-
-#[inline(always)]
 unsafe fn three<V: OctLanes>(rows: &[MaybeUninit<Oct>], at: usize) -> [V; 3] {
     // SAFETY: the caller's promise.
     unsafe { [line(rows, at), line(rows, at + 1), line(rows, at + 2)] }
-}
-
-/// x × y
-#[inline(always)]
-fn crossed<V: OctLanes>(x: &[V; 3], y: &[V; 3]) -> [V; 3] {
-    [
-        (x[1] * y[2]).minus_product(x[2], y[1]),
-        (x[2] * y[0]).minus_product(x[0], y[2]),
-        (x[0] * y[1]).minus_product(x[1], y[0]),
-    ]
 }
 
 impl Rows<3, 6> for Arms {
@@ -200,7 +176,7 @@ impl Rows<3, 6> for Arms {
                 pushes = [-force[0], -force[1], -force[2]];
             }
             let arm = unsafe { three::<V>(rows, place.own as usize + 3 * side) };
-            let moment = crossed(&arm, &pushes);
+            let moment = cross(&arm, &pushes);
             let first = place.shared as usize + FRAME + MASSES * side;
             let mass = unsafe { line::<V>(rows, first) };
             for d in 0..3 {

@@ -7,7 +7,7 @@
 use std::mem::MaybeUninit;
 use std::ops::Range;
 
-use crate::abreast::{Abreast, Batch, Place, Room, Rows};
+use crate::abreast::{Abreast, Batch, Place, Room, Rows, line};
 use crate::colouring::{self, NONE, coloured};
 use crate::contact::{Contact, Law};
 use crate::delassus::{self, Delassus, Sweeper, is_movable};
@@ -265,13 +265,6 @@ fn entries<const R: usize, const D: usize>(
     })
 }
 
-/// An entry of a visit's blocks, for all lanes.
-#[inline(always)]
-unsafe fn entry<V: OctLanes>(rows: &[MaybeUninit<Oct>], begin: u32, at: usize) -> V {
-    // SAFETY: the caller's promise.
-    V::load(unsafe { rows.get_unchecked(begin as usize + at).assume_init_ref() })
-}
-
 impl<const R: usize, const D: usize> Rows<R, D> for Blocks {
     const LINES: usize = 2 * R * D;
 
@@ -290,7 +283,8 @@ impl<const R: usize, const D: usize> Rows<R, D> for Blocks {
             for side in 0..2 {
                 for d in 0..forces {
                     // SAFETY: the caller's promise, here and below.
-                    let row = unsafe { entry(rows, place.shared, (side * R + r) * forces + d) };
+                    let row =
+                        unsafe { line(rows, place.shared as usize + (side * R + r) * forces + d) };
                     sums[side] = sums[side].plus_product(row, states[side][d]);
                 }
             }
@@ -299,7 +293,9 @@ impl<const R: usize, const D: usize> Rows<R, D> for Blocks {
                 let mut sums = [V::splat(0.0); 2];
                 for side in 0..2 {
                     for d in 0..moments {
-                        let row = unsafe { entry(rows, place.own, (side * R + r) * moments + d) };
+                        let row = unsafe {
+                            line(rows, place.own as usize + (side * R + r) * moments + d)
+                        };
                         sums[side] = sums[side].plus_product(row, states[side][forces + d]);
                     }
                 }
@@ -321,11 +317,13 @@ impl<const R: usize, const D: usize> Rows<R, D> for Blocks {
             for r in 0..R {
                 for d in 0..forces {
                     // SAFETY: the caller's promise, here and below.
-                    let row = unsafe { entry(rows, place.shared, (side * R + r) * forces + d) };
+                    let row =
+                        unsafe { line(rows, place.shared as usize + (side * R + r) * forces + d) };
                     states[side][d] = states[side][d].plus_product(row, change[r]);
                 }
                 for d in 0..moments {
-                    let row = unsafe { entry(rows, place.own, (side * R + r) * moments + d) };
+                    let row =
+                        unsafe { line(rows, place.own as usize + (side * R + r) * moments + d) };
                     let state = &mut states[side][forces + d];
                     *state = state.plus_product(row, change[r]);
                 }

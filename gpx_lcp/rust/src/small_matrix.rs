@@ -14,6 +14,16 @@ pub fn dot<const N: usize>(x: &Vector<N>, y: &Vector<N>) -> f64 {
     sum
 }
 
+/// x × y
+#[inline(always)]
+pub fn cross<V: Lanes>(x: &[V; 3], y: &[V; 3]) -> [V; 3] {
+    [
+        (x[1] * y[2]).minus_product(x[2], y[1]),
+        (x[2] * y[0]).minus_product(x[0], y[2]),
+        (x[0] * y[1]).minus_product(x[1], y[0]),
+    ]
+}
+
 /// Product of a symmetric matrix with a vector, column by column so that it vectorises.
 #[inline(always)]
 pub fn times<const N: usize>(symmetric: &Matrix<N>, x: &Vector<N>) -> Vector<N> {

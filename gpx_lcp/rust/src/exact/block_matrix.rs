@@ -202,18 +202,18 @@ impl BlockMatrix {
 
     /// Takes another matrix of blocks of the same size in, below and beside this one.
     pub fn append(&mut self, other: &Self) {
-        let columns = self.block_columns as u32;
-        self.block_columns += other.block_columns;
-        self.extend(other, columns);
+        self.extend(other, self.block_columns);
     }
 
-    /// Takes the rows of another matrix of blocks of the same size in, moved so many block columns.
-    pub fn extend(&mut self, other: &Self, columns: u32) {
+    /// Takes another matrix of blocks of the same size in, below this one and so many block columns to the right.
+    pub fn extend(&mut self, other: &Self, columns: usize) {
         let blocks = self.columns.len();
+        self.block_columns = self.block_columns.max(columns + other.block_columns);
         let starts = other.starts[1..].iter();
         self.starts.extend(starts.map(|start| start + blocks));
         let moved = other.columns.iter();
-        self.columns.extend(moved.map(|column| column + columns));
+        self.columns
+            .extend(moved.map(|column| column + columns as u32));
         self.values.extend_from_slice(&other.values);
     }
 

@@ -134,7 +134,7 @@ impl Part {
         let mut parts = work.into_iter().map(|(_, part)| part);
         let mut part = parts.next()??;
         for other in parts {
-            part.join(other?);
+            part.take_in(other?, 0);
         }
         Some(part)
     }
@@ -503,17 +503,11 @@ impl Part {
     /// Takes another part of the same shape in, with bodies of its own.
     pub fn append(&mut self, other: Self) {
         let bodies = self.matrix.block_columns;
-        self.matrix.block_columns += other.matrix.block_columns;
-        self.take_in(other, bodies as u32);
-    }
-
-    /// Takes the next stretch of the same island in.
-    fn join(&mut self, other: Self) {
-        self.take_in(other, 0);
+        self.take_in(other, bodies);
     }
 
     /// Takes another part in, whose bodies are counted from `bodies`.
-    fn take_in(&mut self, other: Self, bodies: u32) {
+    fn take_in(&mut self, other: Self, bodies: usize) {
         let groups = self.friction.len() as u32;
         self.contacts.extend(other.contacts);
         self.shares

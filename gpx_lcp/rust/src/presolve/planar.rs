@@ -12,6 +12,7 @@
 
 use std::ops::Range;
 
+use crate::small_matrix::cross;
 use crate::team::Team;
 
 use super::lift::{
@@ -439,14 +440,6 @@ fn moment_of(line: &[f64]) -> Axis {
 
 fn dot<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
     (0..N).map(|k| a[k] * b[k]).sum()
-}
-
-fn cross(a: &Axis, b: &Axis) -> Axis {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
 }
 
 fn unit(a: Axis) -> Axis {
