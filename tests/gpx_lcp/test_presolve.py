@@ -419,9 +419,33 @@ def test_each_part_has_all_sweeps_to_itself():
     assert solution.status is gpx.Status.MAX_ITERATIONS
     assert solution.iterations == 20
     assert solution.extras["stopped_by"] == "max_sweeps"
-    ((sweeps, residual),) = solution.history
+    sweeps, residual = solution.history[-1]
     assert sweeps == 20
     assert residual >= solution.program_residual * (1.0 - 1e-6)
+
+
+def test_islands_are_swept_as_one_until_most_are_done():
+    """Then the slow one goes on by itself, and is within what the whole may leave."""
+    scene = islands(40, height=2)
+    rng = np.random.default_rng(3)
+    for level in range(20):
+        motion = 0.3 * rng.normal(size=(2, 3))
+        scene.add_rigid(
+            gpx.Box(1, 1, 1), 1.0, position=(-3.0, 0.0, 0.5 + level), velocity=motion[0], angular_velocity=motion[1]
+        )
+    system = gpx.World(scene, time_step=1 / 240).system()
+    one, other = (gpx.solve(system, solver="pgs", tolerance=1e-8, presolve=p) for p in (False, True))
+    assert one.status is other.status is gpx.Status.SOLVED
+    assert one.presolve is None
+    assert other.presolve.islands == 41
+    sweeps, residuals = zip(*other.history, strict=True)
+    assert list(sweeps) == sorted(sweeps)
+    assert sweeps[-1] == other.iterations > 160
+    assert residuals[-1] <= 1e-8
+    # The whole was looked at after every ten sweeps, the rest in the end.
+    assert 10 * len(sweeps) < other.iterations
+    difference = system.velocity(one.impulse) - system.velocity(other.impulse)
+    assert np.abs(difference).max() < 1e-6 * np.abs(system.B).max()
 
 
 @pytest.mark.parametrize("formulation", ["box", "pyramid"])

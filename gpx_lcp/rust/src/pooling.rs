@@ -6,6 +6,9 @@
 //! done, its sweeps end, and the rest of all pools is put together anew, to use what the others have left. Sweeps that end
 //! lose their momentum, and must be laid out again: more often would cost more than it gains. Where a pool stalls, one of
 //! its parts may have kept the others, and each goes on by itself.
+//!
+//! Islands that stay as they are need no parts to begin with: the whole is swept, and parts are made of them when most of
+//! it is done.
 
 use std::borrow::Cow;
 
@@ -24,17 +27,22 @@ const DONE: f64 = 0.5;
 const MOST: f64 = 0.5;
 
 /// Sweep over all parts, from the impulses `start` of the whole; an answer for each, or None where the caller interrupts it.
+/// Where sweeps are `resumed`, some parts may be done.
 pub fn swept(
     view: &presolve::View,
     parts: &[Part],
     effort: &Effort,
     limits: &Limits,
     start: Option<&[f64]>,
+    resumed: bool,
 ) -> Option<Vec<Answer>> {
     let whole = presolve::size(view.b);
     let budget = (limits.tolerance * whole).powi(2);
     let begin = |part| Swept::begin(part, view, limits.tolerance, whole, start);
     let mut all: Vec<Swept> = parts.iter().map(begin).collect();
+    if resumed {
+        all.iter_mut().for_each(|part| part.resume(effort));
+    }
     while all.iter().any(|part| part.waits) {
         let resting = all.iter().filter(|part| !part.waits);
         let used: f64 = resting.map(|part| part.leaves).sum();
@@ -86,6 +94,27 @@ pub fn swept(
     Some(all.into_iter().map(|part| part.answer).collect())
 }
 
+/// Whether sweeps over a system have come so far with these impulses that they had better go on with some of its islands
+/// alone.
+pub fn are_mostly_done(
+    system: System,
+    view: &presolve::View,
+    islands: &[Vec<u32>],
+    effort: &Effort,
+    limits: &Limits,
+    impulse: &[f64],
+) -> bool {
+    let whole = presolve::size(view.b);
+    let squares = system.squared_maps(&effort.program, impulse);
+    let is_done = |island: &&Vec<u32>| {
+        let leaves: f64 = island.iter().map(|&k| squares[k as usize]).sum();
+        let allowed = limits.tolerance.powi(2) * presolve::fair_share(view, island, whole);
+        leaves <= DONE * allowed
+    };
+    let done: usize = islands.iter().filter(is_done).map(Vec::len).sum();
+    done as f64 >= (1.0 - MOST) * view.contacts() as f64
+}
+
 /// A part, and how far it has come.
 struct Swept<'a> {
     part: &'a Part,
@@ -117,7 +146,7 @@ impl<'a> Swept<'a> {
             part,
             scale: scale_of(part.form, &part.matrix),
             weight: part.weight(view),
-            allowed: tolerance * tolerance * part.fair_share(view, whole),
+            allowed: tolerance * tolerance * presolve::fair_share(view, &part.contacts, whole),
             leaves: f64::INFINITY,
             waits: true,
             apart: false,
@@ -126,6 +155,13 @@ impl<'a> Swept<'a> {
                 ..Answer::default()
             },
         }
+    }
+
+    /// Find out whether its start makes it done.
+    fn resume(&mut self, effort: &Effort) {
+        self.answer.residual = self.residual(&self.answer.impulse, effort);
+        self.leaves = self.left(self.answer.residual);
+        self.waits = !self.is_done(self.leaves);
     }
 
     /// Take over what was found by further sweeps, of the pool if not `alone`, which then has the residual of this part.

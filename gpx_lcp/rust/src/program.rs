@@ -105,6 +105,24 @@ impl Program {
         Some(relative)
     }
 
+    /// ‖natural map‖² of each contact of 1 to 3 rows, from u = A p − B.
+    pub fn squared_maps(&self, system: System, impulse: &[f64], velocity: &[f64]) -> Vec<f64> {
+        let System {
+            friction, scale, ..
+        } = system;
+        let rows = impulse.len() / friction.len().max(1);
+        let squared_map = |k: usize| {
+            let contact = Contacts {
+                friction: &friction[k..=k],
+                scale: &scale[k..=k],
+                impulse: &impulse[rows * k..rows * (k + 1)],
+                velocity: &velocity[rows * k..rows * (k + 1)],
+            };
+            self.squared_map(rows, &contact)
+        };
+        (0..friction.len()).map(squared_map).collect()
+    }
+
     /// Σ ‖natural map‖² over contacts of 1 to 3 rows.
     fn squared_map(&self, rows: usize, contacts: &Contacts) -> f64 {
         match rows {

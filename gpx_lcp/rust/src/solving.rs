@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 use crate::arms::{Masses, Rigid};
 use crate::exact::{self, BlockMatrix, Limits, Operator};
 use crate::gauss_seidel::{Settings, Stop};
-use crate::pooling::swept;
-use crate::presolve::{self, Form, FreeMotion, Part, Reduced};
+use crate::pooling::{are_mostly_done, swept};
+use crate::presolve::{self, Form, Found, FreeMotion, Part, Reduced};
 use crate::program::Program;
 use crate::stacking::Stack;
 use crate::sweeping::{Look, sweep};
@@ -216,6 +216,16 @@ impl<'a> System<'a> {
         (self.residual_at(program, impulse, &states), states)
     }
 
+    /// ‖natural map‖² of each contact, (m/s)², where Ĵ is known.
+    pub fn squared_maps(&self, program: &Program, impulse: &[f64]) -> Vec<f64> {
+        debug_assert_eq!(self.form, Form::Velocity);
+        let (mut states, mut velocity) = (Vec::new(), vec![0.0; self.b.len()]);
+        self.matrix.gather(impulse, &mut states);
+        let contacts = 0..self.friction.len();
+        self.matrix.spread(contacts, &states, self.b, &mut velocity);
+        program.squared_maps(*self, impulse, &velocity)
+    }
+
     /// ‖natural map‖/‖B‖ where the states, if Ĵ is known, are Ĵᵀ p.
     fn residual_at(&self, program: &Program, impulse: &[f64], states: &[f64]) -> f64 {
         if let Form::Velocity = self.form {
@@ -315,11 +325,19 @@ pub fn solve(
         && let Some(law) = effort.program.isotropic()
     {
         let begun = Instant::now();
-        let free = asked.free_motion();
         let swept = matches!(effort.method, Method::Sweeps { .. });
+        let free = if swept { None } else { asked.free_motion() };
         let view = asked.view(law, free.as_deref(), swept);
-        if let Some(reduced) = presolve::reduce(&view, effort.threads) {
-            let mut answer = by_parts(&view, reduced, effort, &limits, start)?;
+        let answer = match presolve::reduce(&view, effort.threads) {
+            Found::Nothing => None,
+            Found::Islands(islands) => {
+                Some(by_islands(system, &view, &islands, effort, &limits, start)?)
+            }
+            Found::Reduced(reduced) => {
+                Some(by_parts(&view, reduced, effort, &limits, start, false)?)
+            }
+        };
+        if let Some(mut answer) = answer {
             answer.elapsed = begun.elapsed();
             answer.measure(system, effort);
             let last_word = match effort.method {
@@ -482,6 +500,41 @@ fn exactly(
     })
 }
 
+/// Sweep over a system whose islands stay as they are, and when most of it is done, over what is not.
+fn by_islands(
+    system: System,
+    view: &presolve::View,
+    islands: &[Vec<u32>],
+    effort: &Effort,
+    limits: &Limits,
+    start: Option<&[f64]>,
+) -> Option<Answer> {
+    let look = |impulse: &[f64]| !are_mostly_done(system, view, islands, effort, limits, impulse);
+    let mut answer = run(system, effort, limits, start, effort.threads, Some(&look))?;
+    let summary = presolve::unreduced(view, islands.len());
+    answer.presolve = Some(summary.clone());
+    let ended = matches!(answer.details, Details::Sweeps(Stop::MaxSweeps));
+    if !ended || answer.iterations == limits.iterations {
+        return Some(answer);
+    }
+    let reduced = Reduced {
+        impulse: vec![0.0; view.b.len()],
+        parts: presolve::as_they_are(view, islands),
+        summary,
+    };
+    let (before, mut rest) = (answer, *limits);
+    rest.iterations -= before.iterations;
+    answer = by_parts(view, reduced, effort, &rest, Some(&before.impulse), true)?;
+    answer.iterations += before.iterations;
+    answer.setup += before.setup;
+    let after = answer.history.into_iter();
+    answer.history = before.history;
+    answer
+        .history
+        .extend(after.map(|(sweeps, residual)| (before.iterations + sweeps, residual)));
+    Some(answer)
+}
+
 /// Solve what is left of a system, part by part, and lift what was found; the status is the worst of them.
 fn by_parts(
     view: &presolve::View,
@@ -489,10 +542,11 @@ fn by_parts(
     effort: &Effort,
     limits: &Limits,
     start: Option<&[f64]>,
+    resumed: bool,
 ) -> Option<Answer> {
     let whole = presolve::size(view.b);
     let answers = match effort.method {
-        Method::Sweeps { .. } => swept(view, &reduced.parts, effort, limits, start),
+        Method::Sweeps { .. } => swept(view, &reduced.parts, effort, limits, start, resumed),
         Method::Exact(_) => solved(view, &reduced.parts, effort, limits, start),
     }?;
     let Reduced {
@@ -542,7 +596,7 @@ fn solved(
 ) -> Option<Vec<Answer>> {
     let whole = presolve::size(view.b);
     let solve_part = |part: &Part, threads: usize| {
-        let allowed = part.fair_share(view, whole) / part.weight(view);
+        let allowed = presolve::fair_share(view, &part.contacts, whole) / part.weight(view);
         let mut own = *limits;
         own.tolerance = (limits.tolerance * allowed.sqrt()).max(FINEST);
         let start = start.map(|start| part.restrict(view.rows, start));

@@ -482,22 +482,7 @@ impl Part {
 
     /// What a residual of one relative to the part's own B is at most of the whole system's, squared, m²/s².
     pub fn weight(&self, view: &View) -> f64 {
-        self.growth.bound().powi(2) * self.asked(view)
-    }
-
-    /// The share of this part in what all may leave of ‖B‖² = `whole`².
-    ///
-    /// Islands with r_k² ≤ tol² (‖B_k‖² + ‖B‖² n_k/n)/2 add up to r ≤ tol ‖B‖: an island in which hardly anything moves
-    /// need not be solved to its own last digit.
-    pub fn fair_share(&self, view: &View, whole: f64) -> f64 {
-        let share = self.contacts.len() as f64 / view.contacts() as f64;
-        0.5 * (self.asked(view) + whole * whole * share)
-    }
-
-    /// ‖B_k‖² of the contacts that it stands for.
-    fn asked(&self, view: &View) -> f64 {
-        let square = |&contact: &u32| dot(view.target(contact), view.target(contact));
-        self.contacts.iter().map(square).sum()
+        self.growth.bound().powi(2) * asked(view, &self.contacts)
     }
 
     /// Takes another part of the same shape in, with bodies of its own.
@@ -643,6 +628,21 @@ impl Share {
             add(r, weight);
         }
     }
+}
+
+/// The share of an island, or of the contacts that a part stands for, in what all may leave of ‖B‖² = `whole`².
+///
+/// Islands with r_k² ≤ tol² (‖B_k‖² + ‖B‖² n_k/n)/2 add up to r ≤ tol ‖B‖: an island in which hardly anything moves need
+/// not be solved to its own last digit.
+pub fn fair_share(view: &View, contacts: &[u32], whole: f64) -> f64 {
+    let share = contacts.len() as f64 / view.contacts() as f64;
+    0.5 * (asked(view, contacts) + whole * whole * share)
+}
+
+/// ‖B_k‖² of these contacts.
+fn asked(view: &View, contacts: &[u32]) -> f64 {
+    let square = |&contact: &u32| dot(view.target(contact), view.target(contact));
+    contacts.iter().map(square).sum()
 }
 
 /// The contacts of an island by their groups.

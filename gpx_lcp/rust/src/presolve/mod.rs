@@ -52,8 +52,8 @@ mod translational;
 
 pub use inactive::any_apart;
 pub use islands::all_islands;
-pub use lift::{Model, Part, size};
-pub use parts::{Reduced, Size, Summary, each, reduce, summary};
+pub use lift::{Model, Part, fair_share, size};
+pub use parts::{Found, Reduced, Size, Summary, as_they_are, each, reduce, summary, unreduced};
 
 use crate::exact::{Contacts, Described, Law};
 

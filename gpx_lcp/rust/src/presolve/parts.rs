@@ -1,5 +1,7 @@
 //! What is left of a system when all reductions are done: its parts, and threads to solve them on.
 
+use std::ops::Range;
+
 use crate::exact::{Law, by_bodies};
 use crate::team::Team;
 
@@ -19,6 +21,8 @@ const WORTH_REDUCING: usize = 1024;
 const WORTH_TAKING: usize = 20;
 /// Where nothing slides, something can be taken as a rule, and more contacts than that are not looked at twice.
 const FEW: usize = 64;
+/// Pairs of bodies: what fails as a rule fails at one of the first.
+const TELLING: usize = 8;
 /// Parts of fewer contacts are solved together,
 const SMALL: usize = 32;
 /// until so many have come together.
@@ -80,18 +84,43 @@ pub struct Reduced {
     pub summary: Summary,
 }
 
+/// What presolve finds.
+pub enum Found {
+    /// Nothing can be taken from the system.
+    Nothing,
+    /// Islands that stay as they are, and hardly anything beside them: sweeps over the whole are sweeps over each.
+    Islands(Vec<Vec<u32>>),
+    Reduced(Reduced),
+}
+
 /// What presolve would do, without solving anything.
 pub fn summary(view: &View) -> Summary {
+    match reduce(view, 1) {
+        Found::Reduced(reduced) => reduced.summary,
+        Found::Islands(islands) => unreduced(view, islands.len()),
+        Found::Nothing => unreduced(view, islands::all_islands(view).len()),
+    }
+}
+
+/// The summary of a system of so many islands that keep their size.
+pub fn unreduced(view: &View, islands: usize) -> Summary {
     let whole = whole_size(view);
-    reduce(view, 1).map_or_else(
-        || Summary {
-            islands: islands::all_islands(view).len(),
-            before: whole,
-            after: whole,
-            reductions: Vec::new(),
-        },
-        |reduced| reduced.summary,
-    )
+    Summary {
+        islands,
+        before: whole,
+        after: whole,
+        reductions: Vec::new(),
+    }
+}
+
+/// The islands of a system, each as it is, small ones together.
+pub fn as_they_are(view: &View, islands: &[Vec<u32>]) -> Vec<Part> {
+    let mut local = LocalBodies::new(view.bodies);
+    let part = |island: &Vec<u32>| {
+        local.renumber(view, island);
+        Part::untouched(view, island, &local)
+    };
+    gathered(islands.iter().map(part).collect())
 }
 
 /// Runs one task for each item, with the number of threads that it may use `within`, if it uses any, and returns the
@@ -126,20 +155,20 @@ pub fn each<Item: Sync, T: Send>(
     results.into_iter().map(done).collect()
 }
 
-/// The parts that are left of a system, or None where nothing can be taken from it; on threads where it is large.
-pub fn reduce(view: &View, threads: usize) -> Option<Reduced> {
+/// What is left of a system; on threads where it is large.
+pub fn reduce(view: &View, threads: usize) -> Found {
     let threads = Team::worth(threads, view.contacts(), WORTH_REDUCING);
-    Team::with(threads, |team| reduced(view, team))
+    Team::with(threads, |team| found(view, team))
 }
 
-fn reduced(view: &View, team: &Team) -> Option<Reduced> {
-    let mut parts = Vec::new();
+fn found(view: &View, team: &Team) -> Found {
     let mut summary = Summary {
         before: whole_size(view),
         ..Summary::default()
     };
     let mut local = LocalBodies::new(view.bodies);
-    let reach = Reach::of(view);
+    // Sweeps find a contact out of reach open at once, in less time than it takes to prove it.
+    let reach = if view.swept { None } else { Reach::of(view) };
     let islands = islands::all_islands(view);
     summary.islands = islands.len();
     let mut pieces = Vec::with_capacity(islands.len());
@@ -149,36 +178,56 @@ fn reduced(view: &View, team: &Team) -> Option<Reduced> {
             None => pieces.push(island),
         }
     }
+    let mut parts = Vec::new();
     if let Some(largest) = pieces.iter().max_by_key(|piece| piece.len())
         && stays_as_it_is(view, largest, &mut local)
     {
         if is_nearly_all(view, largest.len()) {
-            return None;
+            return Found::Nothing;
         }
         // Others like it are as soon done with.
-        pieces.retain(|piece| {
-            let closes = !inactive::nothing_closes(view, piece);
-            let stays = closes && stays_as_it_is(view, piece, &mut local);
-            if stays {
-                local.renumber(view, piece);
-                let part = Part::untouched(view, piece, &local);
-                summary.after.add(part.size());
-                parts.push(part);
-            }
-            !stays
-        });
+        let mut stays = |piece: &Vec<u32>| {
+            !inactive::nothing_closes(view, piece) && stays_as_it_is(view, piece, &mut local)
+        };
+        let stay: Vec<bool> = pieces.iter().map(&mut stays).collect();
+        let staying = pieces.iter().zip(&stay).filter(|(_, stays)| **stays);
+        let contacts = staying.clone().map(|(piece, _)| piece.len()).sum();
+        if view.swept && is_nearly_all(view, contacts) {
+            return Found::Islands(pieces);
+        }
+        for (piece, _) in staying {
+            local.renumber(view, piece);
+            let part = Part::untouched(view, piece, &local);
+            summary.after.add(part.size());
+            parts.push(part);
+        }
+        let mut stay = stay.into_iter();
+        pieces.retain(|_| !stay.next().expect("one of each piece"));
     }
+    let reduced = reduced(view, pieces, parts, summary, &mut local, team);
+    reduced.map_or(Found::Nothing, Found::Reduced)
+}
+
+/// What is left of these islands, beside the parts that stay as they are; None where that is the whole system.
+fn reduced(
+    view: &View,
+    islands: Vec<Vec<u32>>,
+    mut parts: Vec<Part>,
+    mut summary: Summary,
+    local: &mut LocalBodies,
+    team: &Team,
+) -> Option<Reduced> {
     let mut impulse = vec![0.0; view.b.len()];
-    for mut contacts in in_order(view, pieces) {
+    for mut contacts in in_order(view, islands) {
         local.renumber(view, &contacts);
-        let mut whole = part_size(view, &contacts, &local);
+        let mut whole = part_size(view, &contacts, local);
         if inactive::nothing_closes(view, &contacts) {
             summary.count("inactive", 1, whole);
             continue;
         }
         let part = match view.form {
             Form::Impulse => {
-                let part = Part::of_delassus(view, &contacts, &mut local);
+                let part = Part::of_delassus(view, &contacts, local);
                 if part.model == Model::Spatial
                     && contacts.len() == view.contacts()
                     && contacts.len() > 1
@@ -189,10 +238,10 @@ fn reduced(view: &View, team: &Team) -> Option<Reduced> {
             }
             Form::Velocity => {
                 let kept_open = redundant::leave_out(view, &mut contacts);
-                let less = part_size(view, &contacts, &local);
+                let less = part_size(view, &contacts, local);
                 summary.count("redundant", 1, whole.less(less));
                 whole = less;
-                let mut part = smallest(view, &contacts, &local, team)?;
+                let mut part = smallest(view, &contacts, local, team)?;
                 part.keeps_open(kept_open);
                 part
             }
@@ -276,20 +325,26 @@ fn stays_sized<const R: usize, const D: usize>(
     if !slides && !normals && contacts.len() > FEW {
         return false;
     }
-    let runs = runs(&view, contacts);
-    if planar::may_be(view, contacts, &runs) {
+    // What is no model of the first pairs of bodies is none of all.
+    let first: Vec<_> = runs(&view, contacts).take(TELLING).collect();
+    if planar::may_be(view, contacts, &first) {
         return false;
     }
-    if !slides {
+    let mut is_collinear = |contacts: &[u32], runs: &[Range<usize>]| {
         local.renumber(&view, contacts);
-        if collinear::propose(view, contacts, &runs, local).is_some() {
+        collinear::propose(view, contacts, runs, local).is_some()
+    };
+    let telling = &contacts[..first.last().map_or(0, |run| run.end)];
+    if !slides && is_collinear(telling, &first) {
+        let all: Vec<_> = runs(&view, contacts).collect();
+        if is_collinear(contacts, &all) {
             return false;
         }
     }
     if normals {
         // Sweeps leave tangents out by themselves, and bodies that do not turn cost them little more than points. Of three
         // contacts, none is within the hull of the others, unless they lie in line.
-        runs.iter().all(|run| run.len() <= 3) && !spatial::has_twins(view, contacts, 1)
+        view.by_pairs(contacts).all(|run| run.len() <= 3) && !spatial::has_twins(view, contacts, 1)
     } else {
         !translational::may_be(view, contacts, view.rows())
             && !spatial::has_twins(view, contacts, view.rows())
@@ -297,14 +352,12 @@ fn stays_sized<const R: usize, const D: usize>(
 }
 
 /// Where contacts that are sorted by bodies have those of the same bodies.
-fn runs(view: &View, contacts: &[u32]) -> Vec<std::ops::Range<usize>> {
-    let mut runs = Vec::with_capacity(contacts.len());
-    let mut begin = 0;
-    for run in view.by_pairs(contacts) {
-        runs.push(begin..begin + run.len());
-        begin += run.len();
-    }
-    runs
+fn runs(view: &View, contacts: &[u32]) -> impl Iterator<Item = Range<usize>> {
+    view.by_pairs(contacts).scan(0, |end, run| {
+        let begin = *end;
+        *end += run.len();
+        Some(begin..*end)
+    })
 }
 
 /// Islands, and the contacts of each, in an order that does not depend on the order they came in, by bodies first.
@@ -415,7 +468,7 @@ fn smallest_sized<const R: usize, const D: usize>(
     team: &Team,
 ) -> Option<Part> {
     let alone = contacts.len() == view.contacts();
-    let runs = runs(&view, contacts);
+    let runs: Vec<_> = runs(&view, contacts).collect();
     let stands = |proposal| Part::new(view, contacts, proposal, local, team);
     if view.width <= LARGEST {
         let collinear = collinear::propose(view, contacts, &runs, local).and_then(stands);

@@ -28,25 +28,22 @@ type Axis = [f64; 3];
 /// Of an arm, what is surely no rounding.
 const ROUGH: f64 = 1e-6;
 
-/// Pairs of bodies: what fails as a rule fails at one of the first.
-const TELLING: usize = 8;
-
 /// Contacts of a piece of work, at least: some hundred microseconds.
 const PIECE: usize = 256;
 
 /// Normals closer to parallel than this do not tell the plane between them.
 const DISTINCT: f64 = 1e-3;
 
-/// Whether normals and sliding lie in one plane, and impulses in it can be balanced, as far as the first pairs of bodies tell.
+/// Whether normals and sliding lie in one plane, and impulses in it can be balanced, as far as the first pairs of bodies tell,
+/// whose contacts come first.
 #[inline(always)]
 pub fn may_be<const R: usize, const D: usize>(
     view: Shaped<R, D>,
     contacts: &[u32],
-    runs: Runs,
+    first: Runs,
 ) -> bool {
     Frames::of(view).is_some_and(|frames| {
         let axes = frames.normals_of_plane(contacts);
-        let first = &runs[..runs.len().min(TELLING)];
         let frictionless =
             frames.is_frictionless(&contacts[..first.last().map_or(0, |run| run.end)]);
         let balanced = |axis: &Axis| {
