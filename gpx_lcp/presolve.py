@@ -47,11 +47,12 @@ no velocities to count. Not reduced: contacts with friction that others keep ope
 the friction with it.
 
 `newton` and `interior_point` do this, each part to its share of the tolerance, and so does `pgs`, until all parts are
-within that of the whole. A sweep costs little where there is little to do, so that `pgs` takes a system apart only for a
-twentieth of its contacts or more, sweeps points and balls without friction as they are, does not look for contacts out
-of reach, and sweeps islands that stay as they are as one, until most of them are done. The programs over polygons, "box" and "pyramid", have axes of their own in the
-tangent plane, which reductions would turn: they are swept as they are. `lemke` solves islands apart, as each pivot
-takes time by all unknowns, small ones together. Other solvers take the system as it is.
+within that of the whole. A sweep costs little where there is little to do, so that `pgs` takes a system apart only for
+a twentieth of its contacts or more, sweeps points and balls without friction as they are, does not look for contacts
+out of reach, and sweeps islands that stay as they are as one, until most of them are done. The programs over polygons,
+"box" and "pyramid", have axes of their own in the tangent plane, which reductions would turn: they are swept as they
+are. `lemke` solves islands apart, as each pivot takes time by all unknowns, small ones together. Other solvers take the
+system as it is.
 """
 
 from __future__ import annotations
