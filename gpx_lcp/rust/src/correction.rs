@@ -67,9 +67,8 @@ pub fn position_shift(
         .collect();
     let pairs: Vec<[u32; 2]> = contacts.iter().map(|contact| contact.bodies).collect();
     let levels = levels(&pairs, bodies.moving);
-    let mut sides = from_below(&pairs, &levels, stack, &asked);
-    let mut states = vec![[0.0; 6]; bodies.moving + 1];
-    sweep(&mut sides, &asked, &mut states);
+    let order = from_below(&pairs, &levels);
+    let states = sweep(stack, &pairs, &levels, &order, &asked);
     let moving = stack.roots.iter().zip(&states);
     Some(moving.map(|(root, state)| root.twist(state)).collect())
 }
@@ -125,8 +124,45 @@ fn levels(pairs: &[[u32; 2]], moving: usize) -> Vec<u32> {
     levels
 }
 
+/// The level of a body as its contacts are put in order by it, given those of all that move.
+fn level(levels: &[u32], body: u32) -> u32 {
+    match levels.get(body as usize) {
+        None => 0,
+        Some(&LOOSE) => 1,
+        Some(&level) => level,
+    }
+}
+
+/// The contacts in the order of their visits: by the level of the lower body, then by that of the other one.
+fn from_below(pairs: &[[u32; 2]], levels: &[u32]) -> Vec<u32> {
+    let ends = |pair: &[u32; 2]| {
+        let [a, b] = pair.map(|body| level(levels, body));
+        [a.min(b), a.max(b)]
+    };
+    let ends: Vec<[u32; 2]> = pairs.iter().map(ends).collect();
+    let mut order: Vec<u32> = (0..pairs.len() as u32).collect();
+    // There are few levels: contacts are counted by one end, and then, in the order they are in, by the other.
+    for end in [1, 0] {
+        let level = |contact: u32| ends[contact as usize][end] as usize;
+        let mut places = vec![0; order.iter().fold(0, |most, &k| most.max(level(k))) + 2];
+        for &contact in &order {
+            places[level(contact) + 1] += 1;
+        }
+        for level in 1..places.len() {
+            places[level] += places[level - 1];
+        }
+        let mut next = vec![0; order.len()];
+        for contact in order {
+            let place = &mut places[level(contact)];
+            next[*place] = contact;
+            *place += 1;
+        }
+        order = next;
+    }
+    order
+}
+
 /// What a visit reads and writes of one contact, on its normal.
-#[derive(Clone, Copy)]
 struct Side {
     /// Ĵ_n of both bodies, zero where there is none.
     rows: [[f64; 6]; 2],
@@ -136,44 +172,28 @@ struct Side {
     /// d = Ĵ_n w⁻¹ Ĵ_nᵀ, 1/kg, and 1/d; both zero for a contact between locked bodies.
     stiffness: f64,
     response: f64,
-    /// a, m/s.
-    asked: f64,
     /// N s, as a multiple of w of the lower body.
     impulse: f64,
 }
 
-/// The contacts in the order of their visits.
-fn from_below(pairs: &[[u32; 2]], levels: &[u32], stack: &Stack, asked: &[f64]) -> Vec<Side> {
-    let level = |body: u32| match levels.get(body as usize) {
-        None => 0,
-        Some(&LOOSE) => 1,
-        Some(&level) => level,
-    };
-    let mut order: Vec<[u32; 3]> = (0..)
-        .zip(pairs)
-        .map(|(contact, pair)| {
-            let [a, b] = pair.map(level);
-            [a.min(b), a.max(b), contact]
-        })
-        .collect();
-    order.sort_unstable();
-    let nobody = levels.len() as u32;
-    let side = |[lowest, _, contact]: [u32; 3]| {
-        let mut side = Side {
+impl Side {
+    fn of(contact: usize, pair: [u32; 2], levels: &[u32], stack: &Stack) -> Self {
+        let lowest = level(levels, pair[0]).min(level(levels, pair[1]));
+        let nobody = levels.len() as u32;
+        let mut side = Self {
             rows: [[0.0; 6]; 2],
             bodies: [nobody; 2],
             gains: [1.0; 2],
             stiffness: 0.0,
             response: 0.0,
-            asked: asked[contact as usize],
             impulse: 0.0,
         };
         let columns = stack.layout.columns;
-        for (k, (body, block)) in stack.whitened.row(contact as usize).enumerate() {
+        for (k, (body, block)) in stack.whitened.row(contact).enumerate() {
             let body = body as u32;
             side.rows[k][..columns].copy_from_slice(&block[..columns]);
             side.bodies[k] = body;
-            if level(body) > lowest.max(1) {
+            if level(levels, body) > lowest.max(1) {
                 side.gains[k] = LIGHTER;
             }
             let square: f64 = side.rows[k].iter().map(|value| value * value).sum();
@@ -183,20 +203,43 @@ fn from_below(pairs: &[[u32; 2]], levels: &[u32], stack: &Stack, asked: &[f64]) 
             side.response = 1.0 / side.stiffness;
         }
         side
-    };
-    order.into_iter().map(side).collect()
+    }
 }
 
-/// Projected Gauss-Seidel, the states being w⁻¹ Ĵ_nᵀ p of each body, √kg m/s.
-fn sweep(sides: &mut [Side], asked: &[f64], states: &mut [[f64; 6]]) {
+/// Projected Gauss-Seidel; returns w⁻¹ Ĵ_nᵀ p of each body, √kg m/s, and of one more that stands for all that never move.
+///
+/// A contact that asks for nothing, of bodies that no other has moved yet, stays as it is.
+fn sweep(
+    stack: &Stack,
+    pairs: &[[u32; 2]],
+    levels: &[u32],
+    order: &[u32],
+    asked: &[f64],
+) -> Vec<[f64; 6]> {
+    const UNSEEN: u32 = u32::MAX;
+    let mut states = vec![[0.0; 6]; levels.len() + 1];
+    let mut moved = vec![false; levels.len()];
+    // Sides are made when they are visited first, and lie in that order.
+    let (mut sides, mut places) = (Vec::new(), vec![UNSEEN; order.len()]);
     let enough = TOLERANCE * TOLERANCE * asked.iter().map(|value| value * value).sum::<f64>();
     for _ in 0..SWEEPS {
         // What the natural map of each contact was when it was visited.
         let mut squares = 0.0;
-        for side in &mut *sides {
+        for (&contact, place) in order.iter().zip(&mut places) {
+            let contact = contact as usize;
+            let (pair, asked) = (pairs[contact], asked[contact]);
+            let stands = |body: &u32| !moved.get(*body as usize).is_some_and(|moved| *moved);
+            if asked <= 0.0 && pair.iter().all(stands) {
+                continue;
+            }
+            if *place == UNSEEN {
+                *place = sides.len() as u32;
+                sides.push(Side::of(contact, pair, levels, stack));
+            }
+            let side = &mut sides[*place as usize];
             let [a, b] = side.bodies.map(|body| body as usize);
             let velocity = dot(&side.rows[0], &states[a]) + dot(&side.rows[1], &states[b]);
-            let impulse = side.impulse - side.response * (velocity - side.asked);
+            let impulse = side.impulse - side.response * (velocity - asked);
             let change = impulse.max(0.0) - side.impulse;
             if change == 0.0 {
                 continue;
@@ -207,6 +250,9 @@ fn sweep(sides: &mut [Side], asked: &[f64], states: &mut [[f64; 6]]) {
                 for (state, row) in states[body].iter_mut().zip(&side.rows[k]) {
                     *state += row * gained;
                 }
+                if let Some(moved) = moved.get_mut(body) {
+                    *moved = true;
+                }
             }
             squares += (side.stiffness * change).powi(2);
         }
@@ -214,10 +260,16 @@ fn sweep(sides: &mut [Side], asked: &[f64], states: &mut [[f64; 6]]) {
             break;
         }
     }
+    states
 }
 
 fn dot(x: &[f64; 6], y: &[f64; 6]) -> f64 {
-    x.iter().zip(y).map(|(x, y)| x * y).sum()
+    // Two sums side by side in a register, rather than one whose terms wait for each other.
+    let mut sums = [0.0; 2];
+    for (x, y) in x.as_chunks::<2>().0.iter().zip(y.as_chunks::<2>().0) {
+        (0..2).for_each(|k| sums[k] += x[k] * y[k]);
+    }
+    sums[0] + sums[1]
 }
 
 #[cfg(test)]
@@ -261,9 +313,9 @@ mod tests {
     fn lifted(masses: usize, grounded: bool) -> Vec<f64> {
         let (pairs, stack) = column(masses, grounded);
         let asked = vec![1.0; pairs.len()];
-        let mut sides = from_below(&pairs, &levels(&pairs, masses), &stack, &asked);
-        let mut states = vec![[0.0; 6]; masses + 1];
-        sweep(&mut sides, &asked, &mut states);
+        let levels = levels(&pairs, masses);
+        let order = from_below(&pairs, &levels);
+        let states = sweep(&stack, &pairs, &levels, &order, &asked);
         states[..masses].iter().map(|state| state[0]).collect()
     }
 

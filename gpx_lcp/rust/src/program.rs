@@ -43,17 +43,16 @@ impl Program {
         }
     }
 
-    /// ‖natural map‖/‖B‖ of impulses with 1 to 3 rows per contact. `velocity` puts u = A p − B of these contacts, whose B it is
-    /// given, into its last argument.
+    /// ‖natural map‖/‖B‖ of impulses with 1 to 3 rows per contact, None where it is more than `most`. `velocity` puts
+    /// u = A p − B of these contacts, whose B it is given, into its last argument.
     pub fn relative_map(
         &self,
         system: System,
         impulse: &[f64],
         velocity: impl Fn(Range<usize>, &[f64], &mut [f64]),
-    ) -> f64 {
-        let impulses = |at: Range<usize>| &impulse[at];
-        let map = self.bounded_map(system, impulses, velocity, f64::INFINITY);
-        map.unwrap_or(f64::INFINITY)
+        most: f64,
+    ) -> Option<f64> {
+        self.bounded_map(system, |at: Range<usize>| &impulse[at], velocity, most)
     }
 
     /// The same of no impulses at all, None where it is more than `most`: as a rule few contacts tell.

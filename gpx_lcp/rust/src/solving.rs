@@ -1,6 +1,7 @@
 //! From a stacked system to its impulses by one of the core's own methods, with the residual of what they found.
 
 use std::borrow::Cow;
+use std::ops::Range;
 use std::time::{Duration, Instant};
 
 use crate::arms::{Masses, Rigid};
@@ -204,16 +205,18 @@ impl<'a> System<'a> {
         if let Form::Velocity = self.form {
             self.matrix.gather(impulse, &mut states);
         }
-        self.residual_at(program, impulse, &states)
+        let residual = self.residual_at(program, impulse, &states, f64::INFINITY);
+        residual.unwrap_or(f64::INFINITY)
     }
 
-    /// The same, with the states of an `Answer`.
-    fn measured(&self, program: &Program, impulse: &[f64]) -> (f64, Vec<f64>) {
+    /// The same, with the states of an `Answer`; None where it is more than `most`.
+    fn measured(&self, program: &Program, impulse: &[f64], most: f64) -> Option<(f64, Vec<f64>)> {
         let mut states = Vec::new();
         if let Form::Velocity = self.form {
             self.matrix.gather_compensated(impulse, &mut states);
         }
-        (self.residual_at(program, impulse, &states), states)
+        let residual = self.residual_at(program, impulse, &states, most)?;
+        Some((residual, states))
     }
 
     /// ‖natural map‖² of each contact, (m/s)², where Ĵ is known.
@@ -226,23 +229,31 @@ impl<'a> System<'a> {
         program.squared_maps(*self, impulse, &velocity)
     }
 
-    /// ‖natural map‖/‖B‖ where the states, if Ĵ is known, are Ĵᵀ p.
-    fn residual_at(&self, program: &Program, impulse: &[f64], states: &[f64]) -> f64 {
+    /// ‖natural map‖/‖B‖ where the states, if Ĵ is known, are Ĵᵀ p; None where it is more than `most`.
+    fn residual_at(
+        &self,
+        program: &Program,
+        impulse: &[f64],
+        states: &[f64],
+        most: f64,
+    ) -> Option<f64> {
         if let Form::Velocity = self.form {
-            return program.relative_map(*self, impulse, |contacts, b, velocity| {
+            let velocity = |contacts, b: &[f64], velocity: &mut [f64]| {
                 self.matrix.spread(contacts, states, b, velocity);
-            });
+            };
+            return program.relative_map(*self, impulse, velocity, most);
         }
         let mut product = vec![[0.0; 3]; self.friction.len()];
         self.matrix.times(impulse, &mut product);
-        program.relative_map(*self, impulse, |contacts, b, velocity| {
+        let velocity = |contacts: Range<usize>, b: &[f64], velocity: &mut [f64]| {
             let product = product[contacts]
                 .iter()
                 .flat_map(|u| &u[..self.matrix.height]);
             for ((velocity, u), b) in velocity.iter_mut().zip(product).zip(b) {
                 *velocity = u - b;
             }
-        })
+        };
+        program.relative_map(*self, impulse, velocity, most)
     }
 }
 
@@ -359,7 +370,8 @@ pub fn solve(
 
 impl Answer {
     fn measure(&mut self, system: System, effort: &Effort) {
-        (self.residual, self.states) = system.measured(&effort.program, &self.impulse);
+        let measured = system.measured(&effort.program, &self.impulse, f64::INFINITY);
+        (self.residual, self.states) = measured.expect("no residual is more than infinite");
     }
 }
 
@@ -407,10 +419,7 @@ fn kept(
     impulse: &[f64],
     begun: Instant,
 ) -> Option<Answer> {
-    let (residual, states) = system.measured(&effort.program, impulse);
-    if residual > limits.tolerance {
-        return None;
-    }
+    let (residual, states) = system.measured(&effort.program, impulse, limits.tolerance)?;
     let (impulse, residual, states) = match effort.program.without(system, residual) {
         None => (impulse.to_vec(), residual, states),
         Some(without) => (vec![0.0; impulse.len()], without, system.at_rest()),
