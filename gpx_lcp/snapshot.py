@@ -26,7 +26,7 @@ from gpx_lcp.scene import Body
 from gpx_lcp.shapes import Box, Capsule, ConvexHull, Cylinder, HalfSpace, Shape, Sphere
 
 FORMAT: Final = "gpx_lcp.World"
-VERSION: Final = 1
+VERSION: Final = 2
 _SHAPES: Final[Mapping[str, type[Shape]]] = {
     shape.kind: shape for shape in (Sphere, Box, Capsule, Cylinder, HalfSpace, ConvexHull)
 }
@@ -36,7 +36,7 @@ _VECTORS: Final = {"position": 3, "orientation": 4, "velocity": 3, "angular_velo
 
 @dataclass(frozen=True)
 class ContactArrays:
-    """The contacts of the last step as the core keeps them, and their impulses, (n, rows)."""
+    """The contacts of the last step as the core keeps them, their impulses, (n, rows), and where the next starts, (n, 3)."""
 
     pairs: npt.NDArray[np.uint32]
     features: npt.NDArray[np.uint32]
@@ -44,17 +44,22 @@ class ContactArrays:
     frames: Array
     gaps: Array
     impulse: Array
+    start: Array
 
 
 @dataclass(frozen=True)
 class Snapshot:
-    """What a World is made of; `options` are what it was made with, apart from scene and time step."""
+    """What a World is made of; `options` are what it was made with, apart from scene and time step.
+
+    The last `kept` steps have kept the impulses that they started from.
+    """
 
     options: Mapping[str, Any]
     bodies: tuple[Body, ...]
     fixed: tuple[Body, ...]
     steps: int
     unsolved: int
+    kept: int
     time_step: float
     last_time_step: float
     clock: tuple[float, int]
@@ -82,6 +87,7 @@ class Snapshot:
             "options": dict(self.options),
             "steps": self.steps,
             "unsolved": self.unsolved,
+            "kept": self.kept,
             "clock": self.clock,
             "names": [body.name for body in everybody],
             "shapes": [None if shape is None else _written(shape) for shape in shapes],
@@ -155,6 +161,7 @@ class _Reader:
             fixed=everybody[n:],
             steps=self._word("steps"),
             unsolved=self._word("unsolved"),
+            kept=self._word("kept"),
             time_step=time_step,
             last_time_step=last_time_step,
             clock=(since, steps),
@@ -210,6 +217,7 @@ class _Reader:
             frames=self._numbers("contact_frames", n, 3, 3),
             gaps=gaps,
             impulse=impulse,
+            start=self._numbers("contact_start", n, 3),
         )
 
     def _word(self, name: str) -> Any:

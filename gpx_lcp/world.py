@@ -58,7 +58,8 @@ class World(Population):
     tolerance : float
         As in `gpx.solve`; the solver stops there, or at `iterations`.
     warm_start : bool
-        Start each step from the impulses of the last, contact by contact, where the solver can.
+        Start each step from the impulses of the last, contact by contact, where the solver can. After steps that kept
+        their impulses, because they were a solution to the tolerance, that is the mean of all of these: the load.
     impact_law : str
         How bodies rebound: "newton", "poisson", "energy_safe" or "sequential", see `gpx.LAWS`.
     impact_speed : float, optional, m/s
@@ -246,7 +247,7 @@ class World(Population):
         They are the bytes of an `.npz` file: bodies, state, gravity, forces, time, the contacts of the last step with
         their impulses, and the settings of the solver.
         """
-        contacts, impulse = self._core.contacts, self._core.impulse()
+        contacts, impulse, starts = self._core.contacts, self._core.impulse(), self._core.starts()
         return Snapshot(
             options=self._options,
             bodies=self.bodies,
@@ -261,8 +262,9 @@ class World(Population):
             orientations=self._core.orientations,
             velocities=self._core.velocities,
             last_time_step=self._time_step if impulse is None else impulse[1],
+            kept=0 if starts is None else starts[1],
             contacts=None
-            if contacts is None or impulse is None
+            if contacts is None or impulse is None or starts is None
             else ContactArrays(
                 pairs=contacts.pairs,
                 features=contacts.features,
@@ -270,6 +272,7 @@ class World(Population):
                 frames=contacts.frames,
                 gaps=contacts.gaps,
                 impulse=impulse[0],
+                start=starts[0],
             ),
         ).to_bytes()
 
@@ -308,14 +311,14 @@ class World(Population):
 
     def _take(self, read: Snapshot) -> None:
         inhabitants = Inhabitants.of(read.bodies, read.fixed)
-        contacts, impulse = None, np.zeros((0, 3))
+        contacts, impulse, start = None, np.zeros((0, 3)), np.zeros((0, 3))
         if read.contacts is not None:
             stored = read.contacts
             numbers = stored.pairs, stored.features, stored.points, stored.frames.reshape(-1, 9), stored.gaps
             contacts = _core.Contacts(inhabitants.core, *numbers)
-            impulse = stored.impulse
+            impulse, start = stored.impulse, stored.start
         self._populate(inhabitants, read.positions, read.orientations, read.velocities)
-        self._core.resume(read.steps, read.unsolved, contacts, impulse, read.last_time_step)
+        self._core.resume(read.steps, read.unsolved, contacts, impulse, read.last_time_step, start, read.kept)
         self._time_step, self._clock = read.time_step, read.clock
         self._solution = None
         self.gravity, self.forces = read.gravity, read.forces

@@ -16,10 +16,9 @@ use crate::sweeping::{Look, sweep};
 /// How far above the tolerance, in its multiples, the start of a step may be for an exact method to sweep over it first, and
 /// how often.
 ///
-/// What rests is never quite at rest: it keeps velocities of the size that the tolerance leaves, and stopping them takes
-/// the start of the next step beyond it, by a factor of two as a rule. Of the settled steps of a wall of 20 rows to 1e-10,
-/// the start holds for half; sweeps do for all the others, in a quarter of the time of a factorisation. A start that is
-/// further off has a load to learn of, and few sweeps carry it nowhere.
+/// What rests is never quite at rest: it keeps velocities of the size that the tolerance leaves, and they add up until the
+/// start does not hold. It then misses by little, and sweeps do, in a quarter of the time of a factorisation. A start that
+/// is further off has a load to learn of, and few sweeps carry it nowhere.
 const NEAR: f64 = 100.0;
 const FEW_SWEEPS: usize = 20;
 /// What a method aims at, as a share of the tolerance: a hair less, so that the rounding of whoever judges the answer does

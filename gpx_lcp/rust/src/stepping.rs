@@ -154,7 +154,8 @@ pub fn step(
         impulse, states, ..
     } = &solved.answer;
     moved(world, contacts, system, states, &mut workspace.state)?;
-    touching.receive(impulse, rows, time_step);
+    let begun = before.map(|before| (before.as_ref(), matched.as_slice()));
+    touching.receive(impulse, rows, time_step, begun);
     Ok(())
 }
 

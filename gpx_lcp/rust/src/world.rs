@@ -48,12 +48,15 @@ pub struct Instant {
     pub unsolved: usize,
 }
 
-/// The contacts of a step with their impulses, N s: where the next one starts.
+/// The contacts of a step with their impulses, N s, zero in the rows that the step did not have.
 #[derive(Clone, Default)]
 pub struct Touching {
     pub contacts: Vec<Contact>,
-    /// Zero in the rows that the step did not have.
     pub impulses: Vec<[f64; 3]>,
+    /// Where the next step starts.
+    pub starts: Vec<[f64; 3]>,
+    /// How many steps in a row, this one the last, have kept the impulses that they started from.
+    pub kept: usize,
     /// Of each contact, in the step.
     pub rows: usize,
     /// Of the step, s.
@@ -69,32 +72,56 @@ impl Touching {
         time_step: f64,
         start: &mut Vec<[f64; 3]>,
     ) {
-        match_impulses(bodies, contacts, &self.contacts, &self.impulses, start);
+        match_impulses(bodies, contacts, &self.contacts, &self.starts, start);
         if time_step != self.time_step {
             let ratio = time_step / self.time_step;
             start.iter_mut().flatten().for_each(|value| *value *= ratio);
         }
     }
 
-    /// Take the impulses of the contacts in, rows per contact.
-    pub fn receive(&mut self, impulse: &[f64], rows: usize, time_step: f64) {
-        (self.rows, self.time_step) = (rows, time_step);
+    /// Take the impulses of the contacts in, rows per contact, which were found from those of the step `before` as `start`.
+    ///
+    /// Impulses that are kept hold bodies at rest to the tolerance, but they are not quite the load: what they leave, the
+    /// first step that does not keep them stops, which is no load either. As bodies rest before and after all these steps,
+    /// the mean of their impulses is the load, and the next step starts from that.
+    pub fn receive(
+        &mut self,
+        impulse: &[f64],
+        rows: usize,
+        time_step: f64,
+        begun: Option<(&Touching, &[[f64; 3]])>,
+    ) {
+        (self.rows, self.time_step, self.kept) = (rows, time_step, 0);
         let three = |p: &[f64]| std::array::from_fn(|r| p.get(r).copied().unwrap_or(0.0));
         self.impulses.clear();
         match rows {
             3 => self.impulses.extend_from_slice(impulse.as_chunks().0),
             _ => self.impulses.extend(impulse.chunks_exact(rows).map(three)),
         }
+        self.starts.clone_from(&self.impulses);
+        let Some((before, start)) = begun else {
+            return;
+        };
+        if self.impulses == start {
+            self.kept = before.kept + 1;
+        } else if before.kept > 0 && before.time_step == time_step {
+            let share = 1.0 / (before.kept as f64 + 1.0);
+            let starts = self.starts.iter_mut().flatten();
+            for (next, kept) in starts.zip(start.as_flattened()) {
+                *next = kept + share * (*next - kept);
+            }
+        }
     }
 
     /// Rename the bodies of the contacts; a contact of a body that is no longer there goes.
     fn rename(&mut self, name: impl Fn(u32) -> Option<u32>) {
-        let all = self.contacts.drain(..).zip(self.impulses.drain(..));
-        let kept = all.filter_map(|(contact, impulse)| {
+        let numbers = self.impulses.drain(..).zip(self.starts.drain(..));
+        let left = self.contacts.drain(..).zip(numbers);
+        let left = left.filter_map(|(contact, numbers)| {
             let bodies = [name(contact.bodies[0])?, name(contact.bodies[1])?];
-            Some((Contact { bodies, ..contact }, impulse))
+            Some((Contact { bodies, ..contact }, numbers))
         });
-        (self.contacts, self.impulses) = kept.collect();
+        (self.contacts, (self.impulses, self.starts)) = left.collect();
     }
 }
 
@@ -175,9 +202,16 @@ impl World {
         let mut states = Vec::new();
         stack.whitened.gather_compensated(impulse, &mut states);
         moved(self, contacts, stack, &states, &mut workspace.state)?;
+        let (time_step, mut start) = (self.conditions.time_step, Vec::new());
+        let before = self.instant.touching.as_ref();
+        let before = before.filter(|_| self.conditions.warm_start);
+        if let Some(before) = before {
+            before.start(&self.bodies, contacts, time_step, &mut start);
+        }
         let touching = workspace.free_touching();
         touching.contacts = contacts.to_vec();
-        touching.receive(impulse, stack.layout.rows, self.conditions.time_step);
+        let begun = before.map(|before| (before.as_ref(), start.as_slice()));
+        touching.receive(impulse, stack.layout.rows, time_step, begun);
         self.instant.solved = None;
         self.instant.receive(workspace, failed);
         Ok(())

@@ -157,7 +157,9 @@ impl World {
         )
     }
 
-    /// Go on after so many steps, of which the last had this length, these contacts and their impulses, (n, 1 or 3).
+    /// Go on after so many steps, of which the last had this length, these contacts and their impulses, (n, 1 or 3), and
+    /// left what `starts` tells.
+    #[allow(clippy::too_many_arguments)]
     fn resume(
         &self,
         steps: usize,
@@ -165,6 +167,8 @@ impl World {
         contacts: Option<&Contacts>,
         impulse: Table<'_>,
         time_step: f64,
+        starts: Table<'_>,
+        kept: usize,
     ) -> PyResult<()> {
         let _idle = self.idle()?;
         let instant = &mut self.now().instant;
@@ -178,7 +182,10 @@ impl World {
                 let rows = impulse.as_array().ncols();
                 layout(rows, 6)?;
                 same_length("impulse", impulse.as_slice()?.len(), contacts.len() * rows)?;
-                touching.receive(impulse.as_slice()?, rows, time_step);
+                touching.receive(impulse.as_slice()?, rows, time_step, None);
+                same_length("starts", starts.as_slice()?.len(), contacts.len() * 3)?;
+                touching.starts = starts.as_slice()?.as_chunks().0.to_vec();
+                touching.kept = kept;
                 Some(Arc::new(touching))
             }
         };
@@ -375,6 +382,16 @@ impl World {
         let all = touching.impulses.iter().flat_map(|p| &p[..rows]);
         let numbers = table(py, all.copied().collect(), rows)?;
         Ok(Some((numbers, touching.time_step)))
+    }
+
+    /// Where the next step starts, (n, 3), N s, and how many steps in a row have kept their impulses.
+    fn starts<'py>(&self, py: Python<'py>) -> PyResult<Option<(Bound<'py, PyArray2<f64>>, usize)>> {
+        let now = self.now();
+        let Some(touching) = &now.instant.touching else {
+            return Ok(None);
+        };
+        let starts = touching.starts.as_flattened().to_vec();
+        Ok(Some((table(py, starts, 3)?, touching.kept)))
     }
 
     /// What the last step solved; None where the core did not take it.
