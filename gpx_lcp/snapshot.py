@@ -36,7 +36,7 @@ _VECTORS: Final = {"position": 3, "orientation": 4, "velocity": 3, "angular_velo
 
 @dataclass(frozen=True)
 class ContactArrays:
-    """The contacts of the last step as the core keeps them; their impulses, (n, rows); where the next starts, (n, 3)."""
+    """The contacts of the last step as the core keeps them, their impulses, (n, rows), and the next start, (n, 3)."""
 
     pairs: npt.NDArray[np.uint32]
     features: npt.NDArray[np.uint32]

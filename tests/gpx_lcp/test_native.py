@@ -143,7 +143,7 @@ def test_a_wall_at_rest_is_factored_no_more(tolerance):
 
 @pytest.mark.parametrize("settings", [dict(solver="newton"), dict(solver="pgs", tolerance=1e-5)], ids=str)
 def test_impulses_at_rest_are_kept_for_many_steps(settings):
-    """Steps start from the mean of those since they were kept first, the load: from the last, about half of them would."""
+    """Steps start from the mean of those since they were kept first, the load; from the last, half would not hold."""
     native = gpx.World(gpx.scenes.wall(8), DT, **settings)
     staged = gpx.World(gpx.scenes.wall(8), DT, **settings)
     staged._native = None
