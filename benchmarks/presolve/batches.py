@@ -71,11 +71,14 @@ def scene_batch(name: str, solvers: Sequence[str], steps: int, repeats: int, lim
 
 
 class SceneBench:
-    """A scene, and a world of it for each setting."""
+    """A scene, and a world of it for each setting; all go on from the same state."""
 
     def __init__(self, batch: SceneBatch) -> None:
         self._batch = batch
         self._scene = SCENES[batch.name]
+        before = gpx.World(self._scene.make(), TIME_STEP)
+        before.step(self._scene.steps_before)
+        self._start = before.snapshot()
 
     def _world(self, attempt: Attempt, warm_start: bool) -> gpx.World:
         world = gpx.World(
@@ -87,29 +90,32 @@ class SceneBench:
             warm_start=warm_start,
             threads=self._scene.threads if attempt.setting == THREADED else 1,
         )
-        world.step(self._scene.steps_before)
+        world.restore(self._start)
         return world
 
     def try_once(self, attempt: Attempt, first: bool, seconds_left: float) -> Sequence[Outcome]:
         """Take a cold step, and `steps` warm ones after it in another world."""
         cold, stepped = self._world(attempt, False), self._world(attempt, True)
-        outcomes = [_outcome(COLD, cold, self._times(cold, 1))]
+        outcomes = [_outcome(COLD, cold, *self._times(cold, 1))]
         # The first steps of a scene at rest find its loads; what follows is how it is simulated.
         stepped.step(5)
-        outcomes.append(_outcome(STEPPED, stepped, self._times(stepped, self._batch.steps)))
+        outcomes.append(_outcome(STEPPED, stepped, *self._times(stepped, self._batch.steps)))
         return outcomes
 
-    def _times(self, world: gpx.World, steps: int) -> list[float]:
-        times = []
+    def _times(self, world: gpx.World, steps: int) -> tuple[list[float], float]:
+        """Return the time of each step, and how many iterations one took on average."""
+        times, iterations = [], 0
         for _ in range(steps):
             self._scene.change(world)
             tick = time.perf_counter()
             world.step()
             times.append(time.perf_counter() - tick)
-        return times
+            assert world.solution is not None
+            iterations += world.solution.iterations or 0
+        return times, iterations / steps
 
 
-def _outcome(case: str, world: gpx.World, times: Sequence[float]) -> Outcome:
+def _outcome(case: str, world: gpx.World, times: Sequence[float], iterations: float) -> Outcome:
     solution = world.solution
     assert solution is not None
     report, system = solution.presolve, solution.system
@@ -136,6 +142,7 @@ def _outcome(case: str, world: gpx.World, times: Sequence[float]) -> Outcome:
             "rows_left": system.contacts * system.rows if after is None else after.rows,
             "velocities_left": system.jacobian.shape[1] if after is None and system.jacobian is not None else None,
             "reductions": removed,
+            "mean_iterations": iterations,
         }
         | ({} if after is None else {"velocities_left": after.velocities}),
     )
