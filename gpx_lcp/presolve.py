@@ -8,6 +8,7 @@ reduction      recognised by                                                    
 ============== ================================================================== =================================
 islands        contacts that no chain of moving bodies joins                      systems of their own, on threads
 free bodies    no contact                                                         nothing
+resting        an island for which the impulses it starts from are a solution     nothing: they are kept
 inactive       an island in which no contact closes; contacts out of reach        nothing: no impulse is the answer
 redundant      without friction, a contact within the convex hull of others       nothing: the corners carry the load
 frictionless   an island without friction                                         one row for a contact

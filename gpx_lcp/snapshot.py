@@ -36,7 +36,10 @@ _VECTORS: Final = {"position": 3, "orientation": 4, "velocity": 3, "angular_velo
 
 @dataclass(frozen=True)
 class ContactArrays:
-    """The contacts of the last step as the core keeps them, their impulses, (n, rows), and the next start, (n, 3)."""
+    """The contacts of the last step as the core keeps them, and their impulses, (n, rows).
+
+    The next step starts from `start`, (n, 3); for so many steps, `kept`, (n,), impulses were what they started from.
+    """
 
     pairs: npt.NDArray[np.uint32]
     features: npt.NDArray[np.uint32]
@@ -45,21 +48,18 @@ class ContactArrays:
     gaps: Array
     impulse: Array
     start: Array
+    kept: npt.NDArray[np.uint32]
 
 
 @dataclass(frozen=True)
 class Snapshot:
-    """What a World is made of; `options` are what it was made with, apart from scene and time step.
-
-    The last `kept` steps have kept the impulses that they started from.
-    """
+    """What a World is made of; `options` are what it was made with, apart from scene and time step."""
 
     options: Mapping[str, Any]
     bodies: tuple[Body, ...]
     fixed: tuple[Body, ...]
     steps: int
     unsolved: int
-    kept: int
     time_step: float
     last_time_step: float
     clock: tuple[float, int]
@@ -87,7 +87,6 @@ class Snapshot:
             "options": dict(self.options),
             "steps": self.steps,
             "unsolved": self.unsolved,
-            "kept": self.kept,
             "clock": self.clock,
             "names": [body.name for body in everybody],
             "shapes": [None if shape is None else _written(shape) for shape in shapes],
@@ -161,7 +160,6 @@ class _Reader:
             fixed=everybody[n:],
             steps=self._word("steps"),
             unsolved=self._word("unsolved"),
-            kept=self._word("kept"),
             time_step=time_step,
             last_time_step=last_time_step,
             clock=(since, steps),
@@ -218,6 +216,7 @@ class _Reader:
             gaps=gaps,
             impulse=impulse,
             start=self._numbers("contact_start", n, 3),
+            kept=self._array("contact_kept", np.uint32, n),
         )
 
     def _word(self, name: str) -> Any:

@@ -262,7 +262,6 @@ class World(Population):
             orientations=self._core.orientations,
             velocities=self._core.velocities,
             last_time_step=self._time_step if impulse is None else impulse[1],
-            kept=0 if starts is None else starts[1],
             contacts=None
             if contacts is None or impulse is None or starts is None
             else ContactArrays(
@@ -273,6 +272,7 @@ class World(Population):
                 gaps=contacts.gaps,
                 impulse=impulse[0],
                 start=starts[0],
+                kept=starts[1],
             ),
         ).to_bytes()
 
@@ -311,14 +311,14 @@ class World(Population):
 
     def _take(self, read: Snapshot) -> None:
         inhabitants = Inhabitants.of(read.bodies, read.fixed)
-        contacts, impulse, start = None, np.zeros((0, 3)), np.zeros((0, 3))
+        contacts, impulse, start, kept = None, np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, dtype=np.uint32)
         if read.contacts is not None:
             stored = read.contacts
             numbers = stored.pairs, stored.features, stored.points, stored.frames.reshape(-1, 9), stored.gaps
             contacts = _core.Contacts(inhabitants.core, *numbers)
-            impulse, start = stored.impulse, stored.start
+            impulse, start, kept = stored.impulse, stored.start, stored.kept
         self._populate(inhabitants, read.positions, read.orientations, read.velocities)
-        self._core.resume(read.steps, read.unsolved, contacts, impulse, read.last_time_step, start, read.kept)
+        self._core.resume(read.steps, read.unsolved, contacts, impulse, read.last_time_step, start, kept)
         self._time_step, self._clock = read.time_step, read.clock
         self._solution = None
         self.gravity, self.forces = read.gravity, read.forces

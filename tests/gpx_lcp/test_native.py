@@ -155,5 +155,5 @@ def test_impulses_at_rest_are_kept_for_many_steps(settings):
         staged.step()
         assert np.array_equal(native.contacts.impulse, staged.contacts.impulse)
         assert np.array_equal(native.velocities, staged.velocities)
-        kept += native._core.starts()[1] > 0
+        kept += native._core.starts()[1].min() > 0
     assert kept > 45

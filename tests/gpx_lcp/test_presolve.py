@@ -424,6 +424,48 @@ def test_each_part_has_all_sweeps_to_itself():
     assert residual >= solution.program_residual * (1.0 - 1e-6)
 
 
+def test_islands_that_start_from_a_solution_keep_it():
+    """Whatever must be solved beside them."""
+    system = gpx.World(islands(5), time_step=1 / 240).system()
+    island = np.repeat(np.arange(5), system.contacts // 5)
+    start = gpx.solve(system, tolerance=1e-10).impulse.copy()
+    start[island == 3] *= 0.9
+    effort = {"solver": "pgs", "tolerance": 1e-8}
+    again = gpx.solve(system, **effort, warm_start=start)
+    assert again.status is gpx.Status.SOLVED
+    (resting,) = (reduction for reduction in again.presolve.reductions if reduction.name == "resting")
+    assert resting.islands == 4
+    assert resting.removed.contacts == (island != 3).sum()
+    # Starts are brought into their cones, by rounding where they were solutions.
+    np.testing.assert_allclose(again.impulse[island != 3], start[island != 3], rtol=1e-14, atol=1e-15)
+    assert np.abs(again.impulse - start)[island == 3].max() > 1e-3
+    cold = gpx.solve(system, **effort, warm_start=0.5 * start)
+    assert cold.status is gpx.Status.SOLVED
+    assert "resting" not in {reduction.name for reduction in cold.presolve.reductions}
+
+
+@pytest.mark.parametrize("settings", [dict(solver="newton"), dict(solver="pgs", tolerance=1e-5)], ids=str)
+def test_a_wall_rests_beside_a_box_whose_load_changes(settings):
+    """It keeps its impulses, native and staged alike, and stands as it would alone."""
+    scene = gpx.scenes.wall(6)
+    scene.add_rigid(gpx.Box(1, 1, 1), 1.0, position=(-20.0, 0.0, 0.5))
+    native, staged = (gpx.World(scene, time_step=1 / 240, **settings) for _ in range(2))
+    staged._native = None
+    resting = 0
+    for step in range(120):
+        for world in (native, staged):
+            world.forces[-1, 2] = -3.0 * np.sin(0.3 * step)
+            world.step()
+            assert world.unsolved_steps == 0
+        assert np.array_equal(native.positions, staged.positions)
+        assert np.array_equal(native.contacts.impulse, staged.contacts.impulse)
+        report = native.solution.presolve
+        if step >= 60 and report is not None:
+            resting += any(reduction.name == "resting" for reduction in report.reductions)
+    assert resting > 40
+    assert np.abs(native.velocities[:-1]).max() < 1e-5
+
+
 def test_islands_are_swept_as_one_until_most_are_done():
     """Then the slow one goes on by itself, and is within what the whole may leave."""
     scene = islands(40, height=2)

@@ -27,17 +27,16 @@ const DONE: f64 = 0.5;
 const MOST: f64 = 0.5;
 
 /// Sweep over all parts, from the impulses `start` of the whole; an answer for each, or None where the caller interrupts it.
-/// Where sweeps are `resumed`, some parts may be done.
+/// Together they may leave `budget` of the squared residual. Where sweeps are `resumed`, some parts may be done.
 pub fn swept(
     view: &presolve::View,
     parts: &[Part],
     effort: &Effort,
     limits: &Limits,
     start: Option<&[f64]>,
-    resumed: bool,
+    (budget, resumed): (f64, bool),
 ) -> Option<Vec<Answer>> {
     let whole = presolve::size(view.b);
-    let budget = (limits.tolerance * whole).powi(2);
     let begin = |part| Swept::begin(part, view, limits.tolerance, whole, start);
     let mut all: Vec<Swept> = parts.iter().map(begin).collect();
     if resumed {

@@ -104,22 +104,24 @@ impl Program {
         Some(relative)
     }
 
-    /// ‖natural map‖² of each contact of 1 to 3 rows, from u = A p − B.
-    pub fn squared_maps(&self, system: System, impulse: &[f64], velocity: &[f64]) -> Vec<f64> {
+    /// ‖natural map‖² of contact k, from its own impulse and u = A p − B, 1 to 3 rows.
+    pub fn squared_map_of(
+        &self,
+        system: System,
+        k: usize,
+        impulse: &[f64],
+        velocity: &[f64],
+    ) -> f64 {
         let System {
             friction, scale, ..
         } = system;
-        let rows = impulse.len() / friction.len().max(1);
-        let squared_map = |k: usize| {
-            let contact = Contacts {
-                friction: &friction[k..=k],
-                scale: &scale[k..=k],
-                impulse: &impulse[rows * k..rows * (k + 1)],
-                velocity: &velocity[rows * k..rows * (k + 1)],
-            };
-            self.squared_map(rows, &contact)
+        let contact = Contacts {
+            friction: &friction[k..=k],
+            scale: &scale[k..=k],
+            impulse,
+            velocity,
         };
-        (0..friction.len()).map(squared_map).collect()
+        self.squared_map(impulse.len(), &contact)
     }
 
     /// Σ ‖natural map‖² over contacts of 1 to 3 rows.

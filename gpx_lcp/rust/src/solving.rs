@@ -208,24 +208,59 @@ impl<'a> System<'a> {
         residual.unwrap_or(f64::INFINITY)
     }
 
-    /// The same, with the states of an `Answer`; None where it is more than `most`.
-    fn measured(&self, program: &Program, impulse: &[f64], most: f64) -> Option<(f64, Vec<f64>)> {
+    /// The states of an `Answer`.
+    fn states_of(&self, impulse: &[f64]) -> Vec<f64> {
         let mut states = Vec::new();
         if let Form::Velocity = self.form {
             self.matrix.gather_compensated(impulse, &mut states);
         }
-        let residual = self.residual_at(program, impulse, &states, most)?;
-        Some((residual, states))
+        states
     }
 
-    /// ‖natural map‖² of each contact, (m/s)², where Ĵ is known.
-    pub fn squared_maps(&self, program: &Program, impulse: &[f64]) -> Vec<f64> {
+    /// ‖natural map‖² of contact k, (m/s)², where Ĵ is known, and Ĵᵀ p.
+    fn squared_map(&self, program: &Program, k: usize, impulse: &[f64], states: &[f64]) -> f64 {
         debug_assert_eq!(self.form, Form::Velocity);
-        let (mut states, mut velocity) = (Vec::new(), vec![0.0; self.b.len()]);
+        let rows = self.matrix.height;
+        let (at, mut velocity) = (rows * k..rows * (k + 1), [0.0; 3]);
+        let velocity = &mut velocity[..rows];
+        self.matrix
+            .spread(k..k + 1, states, &self.b[at.clone()], velocity);
+        program.squared_map_of(*self, k, &impulse[at], velocity)
+    }
+
+    /// The same of all contacts.
+    pub fn squared_maps(&self, program: &Program, impulse: &[f64]) -> Vec<f64> {
+        let mut states = Vec::new();
         self.matrix.gather(impulse, &mut states);
-        let contacts = 0..self.friction.len();
-        self.matrix.spread(contacts, &states, self.b, &mut velocity);
-        program.squared_maps(*self, impulse, &velocity)
+        let map = |k| self.squared_map(program, k, impulse, &states);
+        (0..self.friction.len()).map(map).collect()
+    }
+
+    /// What these contacts leave of ‖natural map‖², if it is no more than `most` and if they would leave more without
+    /// impulses, where Ĵ is known, and Ĵᵀ p.
+    fn left_at_rest(
+        &self,
+        program: &Program,
+        contacts: &[u32],
+        impulse: &[f64],
+        states: &[f64],
+        most: f64,
+    ) -> Option<f64> {
+        let rows = self.matrix.height;
+        let (mut left, mut without) = (0.0, 0.0);
+        for &contact in contacts {
+            let k = contact as usize;
+            left += self.squared_map(program, k, impulse, states);
+            if left > most {
+                return None;
+            }
+            let mut falling = [0.0; 3];
+            for (u, b) in falling.iter_mut().zip(&self.b[rows * k..rows * (k + 1)]) {
+                *u = -b;
+            }
+            without += program.squared_map_of(*self, k, &[0.0; 3][..rows], &falling[..rows]);
+        }
+        (left < without).then_some(left)
     }
 
     /// ‖natural map‖/‖B‖ where the states, if Ĵ is known, are Ĵᵀ p; None where it is more than `most`.
@@ -325,9 +360,13 @@ pub fn solve(
         effort.time_limit,
         interrupted,
     );
-    // At rest the impulses of the step before are the answer, or nearly so, and this is all that is done to them.
-    if let Some(answer) = start.and_then(|start| unchanged(system, effort, &limits, start)) {
-        return Some(answer);
+    // At rest the impulses of the step before are the answer, and this is all that is done to them.
+    let mut states = Vec::new();
+    if let Some(start) = start {
+        match kept(system, effort, &limits, start, Instant::now()) {
+            Ok(answer) => return Some(answer),
+            Err(found) => states = found,
+        }
     }
     let lifted;
     let mut start = start;
@@ -338,7 +377,13 @@ pub fn solve(
         let swept = matches!(effort.method, Method::Sweeps { .. });
         let free = if swept { None } else { asked.free_motion() };
         let view = asked.view(law, free.as_deref(), swept);
-        let answer = match presolve::reduce(&view, effort.threads) {
+        let rests = |island: &[u32]| {
+            let start = start.filter(|_| system.form == Form::Velocity)?;
+            let share = presolve::fair_share(&view, island, presolve::size(view.b));
+            let most = limits.tolerance * limits.tolerance * share;
+            system.left_at_rest(&effort.program, island, start, &states, most)
+        };
+        let answer = match presolve::reduce(&view, effort.threads, &rests) {
             Found::Nothing => None,
             Found::Islands(islands) => {
                 Some(by_islands(system, &view, &islands, effort, &limits, start)?)
@@ -369,8 +414,10 @@ pub fn solve(
 
 impl Answer {
     fn measure(&mut self, system: System, effort: &Effort) {
-        let measured = system.measured(&effort.program, &self.impulse, f64::INFINITY);
-        (self.residual, self.states) = measured.expect("no residual is more than infinite");
+        self.states = system.states_of(&self.impulse);
+        let (program, impulse, states) = (&effort.program, &self.impulse, &self.states);
+        let residual = system.residual_at(program, impulse, states, f64::INFINITY);
+        self.residual = residual.unwrap_or(f64::INFINITY);
     }
 }
 
@@ -384,12 +431,7 @@ fn judged(mut answer: Answer, effort: &Effort) -> Answer {
     answer
 }
 
-/// The start, or no impulses, where that is a solution.
-fn unchanged(system: System, effort: &Effort, limits: &Limits, start: &[f64]) -> Option<Answer> {
-    kept(system, effort, limits, start, Instant::now())
-}
-
-/// The same for an exact method where a few sweeps make the start a solution.
+/// The start, or no impulses, where a few sweeps make that a solution.
 fn nearly(system: System, effort: &Effort, limits: &Limits, start: &[f64]) -> Option<Answer> {
     let begun = Instant::now();
     let residual = system.residual(&effort.program, start);
@@ -407,23 +449,27 @@ fn nearly(system: System, effort: &Effort, limits: &Limits, start: &[f64]) -> Op
     let interrupted = &|| limits.interrupted();
     let program = &effort.program;
     let swept = sweep(system, program, &settings, Some(start), interrupted, None)?;
-    kept(system, effort, limits, &swept.impulse, begun)
+    kept(system, effort, limits, &swept.impulse, begun).ok()
 }
 
-/// Impulses that are a solution, or none if they do nothing but hold each other.
+/// Impulses that are a solution, or none if they do nothing but hold each other; else the states that they lead to.
 fn kept(
     system: System,
     effort: &Effort,
     limits: &Limits,
     impulse: &[f64],
     begun: Instant,
-) -> Option<Answer> {
-    let (residual, states) = system.measured(&effort.program, impulse, limits.tolerance)?;
-    let (impulse, residual, states) = match effort.program.without(system, residual) {
+) -> Result<Answer, Vec<f64>> {
+    let (program, states) = (&effort.program, system.states_of(impulse));
+    let residual = system.residual_at(program, impulse, &states, limits.tolerance);
+    let Some(residual) = residual else {
+        return Err(states);
+    };
+    let (impulse, residual, states) = match program.without(system, residual) {
         None => (impulse.to_vec(), residual, states),
         Some(without) => (vec![0.0; impulse.len()], without, system.at_rest()),
     };
-    Some(Answer {
+    Ok(Answer {
         impulse,
         residual,
         states,
@@ -527,6 +573,7 @@ fn by_islands(
     }
     let reduced = Reduced {
         impulse: vec![0.0; view.b.len()],
+        resting: (Vec::new(), 0.0),
         parts: presolve::as_they_are(view, islands),
         summary,
     };
@@ -553,17 +600,28 @@ fn by_parts(
     resumed: bool,
 ) -> Option<Answer> {
     let whole = presolve::size(view.b);
-    let answers = match effort.method {
-        Method::Sweeps { .. } => swept(view, &reduced.parts, effort, limits, start, resumed),
-        Method::Exact(_) => solved(view, &reduced.parts, effort, limits, start),
-    }?;
     let Reduced {
-        impulse,
+        mut impulse,
+        resting: (resting, left),
         parts,
         summary,
     } = reduced;
+    let answers = match effort.method {
+        Method::Sweeps { .. } => {
+            let budget = (limits.tolerance * whole).powi(2) - left;
+            swept(view, &parts, effort, limits, start, (budget, resumed))
+        }
+        Method::Exact(_) => solved(view, &parts, effort, limits, start),
+    }?;
+    if let Some(start) = start {
+        for &contact in resting.iter().flatten() {
+            let at = contact as usize * view.rows;
+            impulse[at..at + view.rows].copy_from_slice(&start[at..at + view.rows]);
+        }
+    }
     let mut answer = Answer {
         impulse,
+        residual: left.sqrt() / whole,
         details: effort.method.details(),
         presolve: Some(summary),
         ..Answer::default()

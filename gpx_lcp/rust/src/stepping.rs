@@ -4,7 +4,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Weak};
 
 use crate::bodies::{Bodies, State, Twist};
-use crate::collision::{Contact, Memory, detect};
+use crate::collision::{Contact, Memory, Start, detect};
 use crate::correction::position_shift;
 use crate::integration::{advance, free_velocities};
 use crate::mean_motion::mean_motion;
@@ -43,8 +43,8 @@ pub struct Workspace {
     /// Whose pairs detection keeps.
     bodies: Weak<Bodies>,
     free: Vec<Twist>,
-    /// The impulses of the step before that its contacts start from, and those of their rows that the step has.
-    matched: Vec<[f64; 3]>,
+    /// Where its contacts start, and those of the rows that the step has.
+    matched: Vec<Start>,
     start: Vec<f64>,
 }
 
@@ -139,13 +139,11 @@ pub fn step(
     })?;
     let effort = efforts.of(system);
     let before = instant.touching.as_ref().filter(|_| conditions.warm_start);
+    matched.clear();
     if let Some(before) = before {
         before.start(bodies, contacts, time_step, matched);
         start.clear();
-        match rows {
-            3 => start.extend_from_slice(matched.as_flattened()),
-            _ => start.extend(matched.iter().flat_map(|p| &p[..rows])),
-        }
+        start.extend(matched.iter().flat_map(|start| &start.impulse[..rows]));
     }
     solved.start_moved = before.map(|_| effort.program.admit(&system.friction, start, rows));
     let start = before.map(|_| start.as_slice());
@@ -154,8 +152,7 @@ pub fn step(
         impulse, states, ..
     } = &solved.answer;
     moved(world, contacts, system, states, &mut workspace.state)?;
-    let begun = before.map(|before| (before.as_ref(), matched.as_slice()));
-    touching.receive(impulse, rows, time_step, begun);
+    touching.receive(impulse, rows, time_step, matched);
     Ok(())
 }
 

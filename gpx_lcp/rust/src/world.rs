@@ -6,7 +6,7 @@ use std::sync::Arc;
 use parry3d_f64::math::{Pose, Vector};
 
 use crate::bodies::{Bodies, State, Twist};
-use crate::collision::{Contact, match_impulses};
+use crate::collision::{Contact, Start, match_starts};
 use crate::solving::{Interrupted, Status};
 use crate::stacking::{Layout, Stack};
 use crate::stepping::{Efforts, Failure, Solved, Workspace, found, moved, require_finite, step};
@@ -54,9 +54,7 @@ pub struct Touching {
     pub contacts: Vec<Contact>,
     pub impulses: Vec<[f64; 3]>,
     /// Where the next step starts.
-    pub starts: Vec<[f64; 3]>,
-    /// How many steps in a row, this one the last, have kept the impulses that they started from.
-    pub kept: usize,
+    pub starts: Vec<Start>,
     /// Of each contact, in the step.
     pub rows: usize,
     /// Of the step, s.
@@ -64,53 +62,69 @@ pub struct Touching {
 }
 
 impl Touching {
-    /// Put the impulses that contacts of a step of this length may start from into `start`: forces last, impulses do not.
+    /// Put where contacts of a step of this length start into `start`: forces last, impulses do not.
     pub fn start(
         &self,
         bodies: &Bodies,
         contacts: &[Contact],
         time_step: f64,
-        start: &mut Vec<[f64; 3]>,
+        start: &mut Vec<Start>,
     ) {
-        match_impulses(bodies, contacts, &self.contacts, &self.starts, start);
+        match_starts(bodies, contacts, &self.contacts, &self.starts, start);
         if time_step != self.time_step {
             let ratio = time_step / self.time_step;
-            start.iter_mut().flatten().for_each(|value| *value *= ratio);
+            for start in start {
+                start.impulse.iter_mut().for_each(|value| *value *= ratio);
+                start.kept = 0;
+            }
         }
     }
 
-    /// Take the impulses of the contacts in, rows per contact, which were found from those of the step `before` as `start`.
+    /// Take the impulses of the contacts in, rows per contact, which were found from `begun`.
     ///
     /// Impulses that are kept hold bodies at rest to the tolerance, but they are not quite the load: what they leave, the
     /// first step that does not keep them stops, which is no load either. As bodies rest before and after all these steps,
     /// the mean of their impulses is the load, and the next step starts from that.
-    pub fn receive(
-        &mut self,
-        impulse: &[f64],
-        rows: usize,
-        time_step: f64,
-        begun: Option<(&Touching, &[[f64; 3]])>,
-    ) {
-        (self.rows, self.time_step, self.kept) = (rows, time_step, 0);
+    pub fn receive(&mut self, impulse: &[f64], rows: usize, time_step: f64, begun: &[Start]) {
+        (self.rows, self.time_step) = (rows, time_step);
         let three = |p: &[f64]| std::array::from_fn(|r| p.get(r).copied().unwrap_or(0.0));
         self.impulses.clear();
         match rows {
             3 => self.impulses.extend_from_slice(impulse.as_chunks().0),
             _ => self.impulses.extend(impulse.chunks_exact(rows).map(three)),
         }
-        self.starts.clone_from(&self.impulses);
-        let Some((before, start)) = begun else {
+        self.starts.clear();
+        if begun.is_empty() {
+            let last = |&impulse| Start { impulse, kept: 0 };
+            self.starts.extend(self.impulses.iter().map(last));
             return;
-        };
-        if self.impulses == start {
-            self.kept = before.kept + 1;
-        } else if before.kept > 0 && before.time_step == time_step {
-            let share = 1.0 / (before.kept as f64 + 1.0);
-            let starts = self.starts.iter_mut().flatten();
-            for (next, kept) in starts.zip(start.as_flattened()) {
-                *next = kept + share * (*next - kept);
-            }
         }
+        let next = |(
+            &impulse,
+            &Start {
+                impulse: start,
+                kept,
+            },
+        )| {
+            if impulse == start {
+                return Start {
+                    impulse,
+                    kept: kept.saturating_add(1),
+                };
+            }
+            let share = 1.0 / (f64::from(kept) + 1.0);
+            let mean = |r| start[r] + share * (impulse[r] - start[r]);
+            Start {
+                impulse: if kept == 0 {
+                    impulse
+                } else {
+                    std::array::from_fn(mean)
+                },
+                kept: 0,
+            }
+        };
+        self.starts
+            .extend(self.impulses.iter().zip(begun).map(next));
     }
 
     /// Rename the bodies of the contacts; a contact of a body that is no longer there goes.
@@ -204,14 +218,12 @@ impl World {
         moved(self, contacts, stack, &states, &mut workspace.state)?;
         let (time_step, mut start) = (self.conditions.time_step, Vec::new());
         let before = self.instant.touching.as_ref();
-        let before = before.filter(|_| self.conditions.warm_start);
-        if let Some(before) = before {
+        if let Some(before) = before.filter(|_| self.conditions.warm_start) {
             before.start(&self.bodies, contacts, time_step, &mut start);
         }
         let touching = workspace.free_touching();
         touching.contacts = contacts.to_vec();
-        let begun = before.map(|before| (before.as_ref(), start.as_slice()));
-        touching.receive(impulse, stack.layout.rows, time_step, begun);
+        touching.receive(impulse, stack.layout.rows, time_step, &start);
         self.instant.solved = None;
         self.instant.receive(workspace, failed);
         Ok(())

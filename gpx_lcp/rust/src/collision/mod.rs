@@ -139,20 +139,29 @@ pub fn frame(normal: Vector) -> [Vector; 3] {
     [normal, first, normal.cross(first)]
 }
 
-/// Put start impulses for `contacts` into `start`, world frame turned into theirs: those of the same contact one step
-/// before.
+/// Where a contact starts a step.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Start {
+    /// N s.
+    pub impulse: [f64; 3],
+    /// How many steps in a row, up to the last, have kept the impulse that they started from.
+    pub kept: u32,
+}
+
+/// Put where `contacts` start into `start`, world frame turned into theirs: what the step before has left for the same
+/// contact.
 ///
 /// A contact is the same where its bodies are and its features have the same names; a contact whose features are not
-/// found takes the impulse of the nearest one left over in the pair, if that is near.
-pub fn match_impulses(
+/// found takes what is left for the nearest one left over in the pair, if that is near.
+pub fn match_starts(
     bodies: &Bodies,
     contacts: &[Contact],
     previous: &[Contact],
-    impulses: &[[f64; 3]],
-    start: &mut Vec<[f64; 3]>,
+    left: &[Start],
+    start: &mut Vec<Start>,
 ) {
     start.clear();
-    start.resize(contacts.len(), [0.0; 3]);
+    start.resize(contacts.len(), Start::default());
     let key = |contact: &Contact| (contact.bodies[1], contact.bodies[0]);
     let mut before = 0;
     let mut now = 0;
@@ -168,7 +177,7 @@ pub fn match_impulses(
         match_pair(
             &contacts[now..new_end],
             &previous[before..old_end],
-            &impulses[before..old_end],
+            &left[before..old_end],
             reach,
             &mut start[now..new_end],
         );
@@ -183,9 +192,9 @@ fn run_length(contacts: &[Contact], same: impl Fn(&Contact) -> bool) -> usize {
 fn match_pair(
     contacts: &[Contact],
     previous: &[Contact],
-    impulses: &[[f64; 3]],
+    left: &[Start],
     reach: f64,
-    start: &mut [[f64; 3]],
+    start: &mut [Start],
 ) {
     // As a rule the pair touches as it did: all names are the same, in the same order.
     let as_before = contacts.len() == previous.len()
@@ -195,7 +204,7 @@ fn match_pair(
             .all(|(contact, previous)| contact.features == previous.features);
     if as_before {
         for (k, start) in start.iter_mut().enumerate() {
-            *start = turned(&impulses[k], &previous[k].frame, &contacts[k].frame);
+            *start = left[k].turned(&previous[k].frame, &contacts[k].frame);
         }
         return;
     }
@@ -223,18 +232,23 @@ fn match_pair(
     }
     for ((contact, found), start) in contacts.iter().zip(found).zip(start) {
         let Some(k) = found else { continue };
-        *start = turned(&impulses[k], &previous[k].frame, &contact.frame);
+        *start = left[k].turned(&previous[k].frame, &contact.frame);
     }
 }
 
-/// The normal part is kept; the tangential part follows the frame, which turns with the normal.
-fn turned(impulse: &[f64; 3], before: &[Vector; 3], now: &[Vector; 3]) -> [f64; 3] {
-    if before == now {
-        return *impulse;
+impl Start {
+    /// The normal part is kept; the tangential part follows the frame, which turns with the normal.
+    fn turned(&self, before: &[Vector; 3], now: &[Vector; 3]) -> Self {
+        if before == now {
+            return *self;
+        }
+        let [n, t1, t2] = self.impulse;
+        let tangential = before[1] * t1 + before[2] * t2;
+        Self {
+            impulse: [n, tangential.dot(now[1]), tangential.dot(now[2])],
+            ..*self
+        }
     }
-    let [n, t1, t2] = *impulse;
-    let tangential = before[1] * t1 + before[2] * t2;
-    [n, tangential.dot(now[1]), tangential.dot(now[2])]
 }
 
 #[cfg(test)]
@@ -279,9 +293,11 @@ mod tests {
         previous: &[Contact],
         impulses: &[[f64; 3]],
     ) -> Vec<[f64; 3]> {
+        let left = |&impulse: &[f64; 3]| Start { impulse, kept: 0 };
+        let left: Vec<Start> = impulses.iter().map(left).collect();
         let mut start = Vec::new();
-        match_impulses(bodies, now, previous, impulses, &mut start);
-        start
+        match_starts(bodies, now, previous, &left, &mut start);
+        start.into_iter().map(|start| start.impulse).collect()
     }
 
     #[test]

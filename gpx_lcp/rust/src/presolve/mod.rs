@@ -30,7 +30,7 @@
 //! A convex law has one velocity, so that it is the same with and without presolve. Coulomb's law may have several exact
 //! solutions; then presolve may choose another one of them.
 //!
-//! `islands` cuts the system apart, `inactive` leaves out contacts that no solution pushes shut and `redundant` those that
+//! `islands` cuts the system apart, `resting` leaves those alone that start from a solution, `inactive` leaves out contacts that no solution pushes shut and `redundant` those that
 //! others keep open, each by a theorem of its own. `collinear`, `planar`, `translational` and `spatial` each propose groups,
 //! frames and subspaces for an island, the smallest first, and `lift` puts the proposal to (a), (b) and (c), whoever made
 //! it: what fails by more than rounding is not reduced. `single` and `chain` need no iteration at all. Of a system given by
@@ -46,6 +46,7 @@ mod local_bodies;
 mod parts;
 mod planar;
 mod redundant;
+mod resting;
 mod single;
 mod spatial;
 mod translational;
@@ -54,6 +55,7 @@ pub use inactive::any_apart;
 pub use islands::all_islands;
 pub use lift::{Model, Part, fair_share, size};
 pub use parts::{Found, Reduced, Size, Summary, as_they_are, each, reduce, summary, unreduced};
+pub use resting::Rests;
 
 use crate::exact::{Contacts, Described, Law};
 

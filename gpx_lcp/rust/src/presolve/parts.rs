@@ -9,8 +9,8 @@ use super::inactive::Reach;
 use super::lift::{LARGEST, Model, Part};
 use super::local_bodies::LocalBodies;
 use super::{
-    Form, Shaped, View, chain, collinear, inactive, islands, planar, redundant, single, spatial,
-    translational,
+    Form, Rests, Shaped, View, chain, collinear, inactive, islands, planar, redundant, resting,
+    single, spatial, translational,
 };
 
 /// Contacts, from which on a thread is started: it takes some 30 µs, as long as so many take to be solved.
@@ -80,6 +80,8 @@ impl Summary {
 /// What is left of a system: impulses known already, and parts to be solved.
 pub struct Reduced {
     pub impulse: Vec<f64>,
+    /// Islands that keep the impulses they start from, and what these leave of the squared residual, (m/s)².
+    pub resting: (Vec<Vec<u32>>, f64),
     pub parts: Vec<Part>,
     pub summary: Summary,
 }
@@ -95,7 +97,7 @@ pub enum Found {
 
 /// What presolve would do, without solving anything.
 pub fn summary(view: &View) -> Summary {
-    match reduce(view, 1) {
+    match reduce(view, 1, &|_| None) {
         Found::Reduced(reduced) => reduced.summary,
         Found::Islands(islands) => unreduced(view, islands.len()),
         Found::Nothing => unreduced(view, islands::all_islands(view).len()),
@@ -155,13 +157,13 @@ pub fn each<Item: Sync, T: Send>(
     results.into_iter().map(done).collect()
 }
 
-/// What is left of a system; on threads where it is large.
-pub fn reduce(view: &View, threads: usize) -> Found {
+/// What is left of a system; on threads where it is large. `rests` is asked of islands.
+pub fn reduce(view: &View, threads: usize, rests: Rests) -> Found {
     let threads = Team::worth(threads, view.contacts(), WORTH_REDUCING);
-    Team::with(threads, |team| found(view, team))
+    Team::with(threads, |team| found(view, rests, team))
 }
 
-fn found(view: &View, team: &Team) -> Found {
+fn found(view: &View, rests: Rests, team: &Team) -> Found {
     let mut summary = Summary {
         before: whole_size(view),
         ..Summary::default()
@@ -169,8 +171,13 @@ fn found(view: &View, team: &Team) -> Found {
     let mut local = LocalBodies::new(view.bodies);
     // Sweeps find a contact out of reach open at once, in less time than it takes to prove it.
     let reach = if view.swept { None } else { Reach::of(view) };
-    let islands = islands::all_islands(view);
+    let mut islands = islands::all_islands(view);
     summary.islands = islands.len();
+    let resting = resting::leave_out(view, &mut islands, rests);
+    for island in &resting.0 {
+        local.renumber(view, island);
+        summary.count("resting", 1, part_size(view, island, &local));
+    }
     let mut pieces = Vec::with_capacity(islands.len());
     for island in islands {
         match &reach {
@@ -204,8 +211,10 @@ fn found(view: &View, team: &Team) -> Found {
         let mut stay = stay.into_iter();
         pieces.retain(|_| !stay.next().expect("one of each piece"));
     }
-    let reduced = reduced(view, pieces, parts, summary, &mut local, team);
-    reduced.map_or(Found::Nothing, Found::Reduced)
+    match reduced(view, pieces, parts, summary, &mut local, team) {
+        None => Found::Nothing,
+        Some(reduced) => Found::Reduced(Reduced { resting, ..reduced }),
+    }
 }
 
 /// What is left of these islands, beside the parts that stay as they are; None where that is the whole system.
@@ -283,6 +292,7 @@ fn reduced(
     summary.count("free bodies", 0, removed);
     Some(Reduced {
         impulse,
+        resting: (Vec::new(), 0.0),
         parts,
         summary,
     })

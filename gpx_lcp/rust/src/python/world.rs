@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 use std::time::{Duration, Instant};
 
-use numpy::PyArray2;
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1};
 use parry3d_f64::math::{Pose, Rotation, Vector};
 use pyo3::prelude::*;
 
@@ -13,6 +13,7 @@ use super::records::{
 use super::scene::Bodies;
 use super::solved::{Settings, Solved};
 use crate::bodies::{State, Twist};
+use crate::collision::Start;
 use crate::integration;
 use crate::stacking::{self, Layout, Motion, Stack as StackData};
 use crate::stepping::{Failure, Workspace};
@@ -168,7 +169,7 @@ impl World {
         impulse: Table<'_>,
         time_step: f64,
         starts: Table<'_>,
-        kept: usize,
+        kept: PyReadonlyArray1<'_, u32>,
     ) -> PyResult<()> {
         let _idle = self.idle()?;
         let instant = &mut self.now().instant;
@@ -182,10 +183,13 @@ impl World {
                 let rows = impulse.as_array().ncols();
                 layout(rows, 6)?;
                 same_length("impulse", impulse.as_slice()?.len(), contacts.len() * rows)?;
-                touching.receive(impulse.as_slice()?, rows, time_step, None);
-                same_length("starts", starts.as_slice()?.len(), contacts.len() * 3)?;
-                touching.starts = starts.as_slice()?.as_chunks().0.to_vec();
-                touching.kept = kept;
+                touching.receive(impulse.as_slice()?, rows, time_step, &[]);
+                let (starts, kept) = (starts.as_slice()?.as_chunks().0, kept.as_slice()?);
+                same_length("starts", starts.len(), contacts.len())?;
+                same_length("kept", kept.len(), contacts.len())?;
+                let all = starts.iter().zip(kept);
+                let start = |(&impulse, &kept)| Start { impulse, kept };
+                touching.starts = all.map(start).collect();
                 Some(Arc::new(touching))
             }
         };
@@ -296,7 +300,11 @@ impl World {
         let start = now.instant.touching.as_ref().map(|before| {
             let mut start = Vec::new();
             before.start(&now.bodies, &contacts.contacts, time_step, &mut start);
-            table(py, start.into_flattened(), 3)
+            table(
+                py,
+                start.iter().flat_map(|start| start.impulse).collect(),
+                3,
+            )
         });
         start.transpose()
     }
@@ -384,14 +392,20 @@ impl World {
         Ok(Some((numbers, touching.time_step)))
     }
 
-    /// Where the next step starts, (n, 3), N s, and how many steps in a row have kept their impulses.
-    fn starts<'py>(&self, py: Python<'py>) -> PyResult<Option<(Bound<'py, PyArray2<f64>>, usize)>> {
+    /// Where contacts start the next step, (n, 3), N s, and how many steps each has kept its impulse, (n,).
+    #[allow(clippy::type_complexity)]
+    fn starts<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<Option<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<u32>>)>> {
         let now = self.now();
         let Some(touching) = &now.instant.touching else {
             return Ok(None);
         };
-        let starts = touching.starts.as_flattened().to_vec();
-        Ok(Some((table(py, starts, 3)?, touching.kept)))
+        let starts = touching.starts.iter();
+        let impulses = starts.clone().flat_map(|start| start.impulse).collect();
+        let kept = PyArray1::from_iter(py, starts.map(|start| start.kept));
+        Ok(Some((table(py, impulses, 3)?, kept)))
     }
 
     /// What the last step solved; None where the core did not take it.

@@ -1,0 +1,35 @@
+//! Islands that keep the impulses they start from, as these are a solution to the tolerance.
+//!
+//! *Proof*: the squared residual of the whole, ‖natural map‖², is the sum of those of its islands, and so is what all of
+//! them may leave of it (see `fair_share`): an island that leaves no more than its share may be left as it is. ∎
+//!
+//! A wall that rests costs no more than that, whatever goes on beside it.
+
+use super::View;
+
+/// What an island leaves of the squared residual with the impulses that it starts from, (m/s)²; None where it does not rest.
+pub type Rests<'a> = &'a dyn Fn(&[u32]) -> Option<f64>;
+
+/// Islands at rest are left alone for this part of all contacts, one in so many: less is as soon solved with the others.
+const WORTH_LEAVING: usize = 20;
+
+/// Take the islands that rest out of these, with what they leave; none where they are hardly worth it.
+pub fn leave_out(view: &View, islands: &mut Vec<Vec<u32>>, rests: Rests) -> (Vec<Vec<u32>>, f64) {
+    if islands.len() == 1 {
+        // It would have been left alone before.
+        return (Vec::new(), 0.0);
+    }
+    let leaves: Vec<Option<f64>> = islands.iter().map(|island| rests(island)).collect();
+    let resting = islands
+        .iter()
+        .zip(&leaves)
+        .filter(|(_, leaves)| leaves.is_some());
+    let contacts: usize = resting.map(|(island, _)| island.len()).sum();
+    if WORTH_LEAVING * contacts < view.contacts() {
+        return (Vec::new(), 0.0);
+    }
+    let total = leaves.iter().flatten().sum();
+    let mut leaves = leaves.into_iter();
+    let kept = islands.extract_if(.., |_| leaves.next().flatten().is_some());
+    (kept.collect(), total)
+}
