@@ -377,9 +377,10 @@ pub fn solve(
         let swept = matches!(effort.method, Method::Sweeps { .. });
         let free = if swept { None } else { asked.free_motion() };
         let view = asked.view(law, free.as_deref(), swept);
+        let whole = presolve::size(view.b);
         let rests = |island: &[u32]| {
             let start = start.filter(|_| system.form == Form::Velocity)?;
-            let share = presolve::fair_share(&view, island, presolve::size(view.b));
+            let share = presolve::fair_share(&view, island, whole);
             let most = limits.tolerance * limits.tolerance * share;
             system.left_at_rest(&effort.program, island, start, &states, most)
         };

@@ -299,7 +299,7 @@ fn reduced(
 }
 
 /// Whether so few contacts are beside these that taking them away is not worth what it costs.
-fn is_nearly_all(view: &View, contacts: usize) -> bool {
+pub fn is_nearly_all(view: &View, contacts: usize) -> bool {
     WORTH_TAKING * (view.contacts() - contacts) < view.contacts()
 }
 

@@ -6,12 +6,10 @@
 //! A wall that rests costs no more than that, whatever goes on beside it.
 
 use super::View;
+use super::parts::is_nearly_all;
 
 /// What an island leaves of the squared residual with the impulses that it starts from, (m/s)²; None where it does not rest.
 pub type Rests<'a> = &'a dyn Fn(&[u32]) -> Option<f64>;
-
-/// Islands at rest are left alone for this part of all contacts, one in so many: less is as soon solved with the others.
-const WORTH_LEAVING: usize = 20;
 
 /// Take the islands that rest out of these, with what they leave; none where they are hardly worth it.
 pub fn leave_out(view: &View, islands: &mut Vec<Vec<u32>>, rests: Rests) -> (Vec<Vec<u32>>, f64) {
@@ -25,7 +23,7 @@ pub fn leave_out(view: &View, islands: &mut Vec<Vec<u32>>, rests: Rests) -> (Vec
         .zip(&leaves)
         .filter(|(_, leaves)| leaves.is_some());
     let contacts: usize = resting.map(|(island, _)| island.len()).sum();
-    if WORTH_LEAVING * contacts < view.contacts() {
+    if is_nearly_all(view, view.contacts() - contacts) {
         return (Vec::new(), 0.0);
     }
     let total = leaves.iter().flatten().sum();
