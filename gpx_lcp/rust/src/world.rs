@@ -82,9 +82,6 @@ impl Touching {
 
     /// Take the impulses of the contacts in, rows per contact, which were found from `begun`.
     ///
-    /// Impulses that are kept hold bodies at rest to the tolerance, but they are not quite the load: what they leave, the
-    /// first step that does not keep them stops, which is no load either. As bodies rest before and after all these steps,
-    /// the mean of their impulses is the load, and the next step starts from that.
     pub fn receive(&mut self, impulse: &[f64], rows: usize, time_step: f64, begun: &[Start]) {
         (self.rows, self.time_step) = (rows, time_step);
         let three = |p: &[f64]| std::array::from_fn(|r| p.get(r).copied().unwrap_or(0.0));
@@ -99,32 +96,9 @@ impl Touching {
             self.starts.extend(self.impulses.iter().map(last));
             return;
         }
-        let next = |(
-            &impulse,
-            &Start {
-                impulse: start,
-                kept,
-            },
-        )| {
-            if impulse == start {
-                return Start {
-                    impulse,
-                    kept: kept.saturating_add(1),
-                };
-            }
-            let share = 1.0 / (f64::from(kept) + 1.0);
-            let mean = |r| start[r] + share * (impulse[r] - start[r]);
-            Start {
-                impulse: if kept == 0 {
-                    impulse
-                } else {
-                    std::array::from_fn(mean)
-                },
-                kept: 0,
-            }
-        };
-        self.starts
-            .extend(self.impulses.iter().zip(begun).map(next));
+        let next = |(impulse, start): (&[f64; 3], &Start)| start.after(*impulse);
+        let steps = self.impulses.iter().zip(begun);
+        self.starts.extend(steps.map(next));
     }
 
     /// Rename the bodies of the contacts; a contact of a body that is no longer there goes.

@@ -139,6 +139,9 @@ pub fn frame(normal: Vector) -> [Vector; 3] {
     [normal, first, normal.cross(first)]
 }
 
+/// Share by which an impulse may differ from one that was kept for a while, for both to be of the same load.
+const SAME_LOAD: f64 = 0.5;
+
 /// Where a contact starts a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Start {
@@ -237,6 +240,31 @@ fn match_pair(
 }
 
 impl Start {
+    /// Where the next step starts, if this one started here and found an impulse.
+    ///
+    /// Impulses that are kept hold bodies at rest to the tolerance, but they are not quite the load: what they leave, the
+    /// first step that does not keep them stops, which is no load either. As bodies rest before and after all these steps,
+    /// the mean of their impulses is the load. Where an impulse is another altogether, the load has changed.
+    pub fn after(&self, impulse: [f64; 3]) -> Self {
+        let change: [f64; 3] = std::array::from_fn(|r| impulse[r] - self.impulse[r]);
+        let square = |p: &[f64; 3]| p.iter().map(|p| p * p).sum::<f64>();
+        if impulse == self.impulse {
+            Self {
+                impulse,
+                kept: self.kept.saturating_add(1),
+            }
+        } else if self.kept > 0 && square(&change) <= SAME_LOAD * SAME_LOAD * square(&self.impulse)
+        {
+            let share = 1.0 / (f64::from(self.kept) + 1.0);
+            Self {
+                impulse: std::array::from_fn(|r| self.impulse[r] + share * change[r]),
+                kept: 0,
+            }
+        } else {
+            Self { impulse, kept: 0 }
+        }
+    }
+
     /// The normal part is kept; the tangential part follows the frame, which turns with the normal.
     fn turned(&self, before: &[Vector; 3], now: &[Vector; 3]) -> Self {
         if before == now {
@@ -336,6 +364,24 @@ mod tests {
         let after = world(&now[0], start[0]);
         assert!(previous[0].frame[1].distance(now[0].frame[1]) > 1.0);
         assert!((before - after).length() < 0.02);
+    }
+
+    #[test]
+    fn steps_start_from_the_mean_of_kept_impulses_unless_the_load_has_changed() {
+        let start = Start {
+            impulse: [4.0, 1.0, 0.0],
+            kept: 2,
+        };
+        let kept = start.after(start.impulse);
+        assert_eq!((kept.impulse, kept.kept), (start.impulse, 3));
+        let stopped = kept.after([3.2, 1.0, 0.4]);
+        assert_eq!((stopped.impulse, stopped.kept), ([3.8, 1.0, 0.1], 0));
+        let lifted = kept.after([0.5, 0.0, 0.0]);
+        assert_eq!((lifted.impulse, lifted.kept), ([0.5, 0.0, 0.0], 0));
+        let next = stopped.after([3.0, 1.0, 0.0]);
+        assert_eq!((next.impulse, next.kept), ([3.0, 1.0, 0.0], 0));
+        let landed = Start::default().after([0.0; 3]).after([2.0, 0.0, 0.0]);
+        assert_eq!((landed.impulse, landed.kept), ([2.0, 0.0, 0.0], 0));
     }
 
     #[test]
