@@ -75,25 +75,24 @@ class Presolve:
     def tables(self, records: Sequence[Record], folder: Path) -> Sequence[Table | Text]:
         """Return a line for each scene, case and presolved setting."""
         table = new_table("Whole steps: as asked, and made smaller")
-        table.add_column("scene", no_wrap=True)
-        for column in ("case", "solver", "setting", "removed by"):
-            table.add_column(column)
-        for column in ("rows", "velocities", "iterations", "as asked ms", "ms", "gain", "natural map"):
+        for column in ("scene", "case", "solver", "threads"):
+            table.add_column(column, no_wrap=True)
+        table.add_column("removed by")
+        for column in ("rows", "velocities", "iterations", "as asked ms", "ms", "gain"):
             table.add_column(column, justify="right", no_wrap=True)
         for record, plain in pairs(records):
             table.add_row(
                 record.scene,
                 record.case,
                 record.solver,
-                record.setting,
+                str(SCENES[record.scene].threads if record.setting == THREADED else 1),
                 str(record.figures["reductions"]) or "nothing",
                 _of(record.figures["rows_left"], plain.figures["rows_left"]),
                 _of(record.figures["velocities_left"], plain.figures["velocities_left"]),
-                f"{record.figures['mean_iterations']:.3g} of {plain.figures['mean_iterations']:.3g}",
+                f"{_count(record.figures['mean_iterations'])} of {_count(plain.figures['mean_iterations'])}",
                 _ms(plain.step_seconds),
                 _ms(record.step_seconds),
                 f"{gain(record, plain):.2f}",
-                "" if record.natural_map is None else f"{record.natural_map:.1e}",
             )
         return [table]
 
@@ -159,6 +158,11 @@ def _chart(found: Sequence[tuple[Record, Record]], footer: str, stem: Path) -> l
     figure.suptitle("What presolve gains", x=0.01, ha="left", fontsize=17, fontweight="bold")
     figure.text(0.01, -0.02, footer, ha="left", va="top", fontsize=11, color=QUIET)
     return save(figure, stem)
+
+
+def _count(mean: object) -> str:
+    assert isinstance(mean, float)
+    return f"{mean:.3g}" if mean < 1000 else f"{mean:.0f}"
 
 
 def _of(left: object, before: object) -> str:
