@@ -104,11 +104,12 @@ pub fn are_mostly_done(
     impulse: &[f64],
 ) -> bool {
     let whole = presolve::size(view.b);
-    let squares = system.squared_maps(&effort.program, impulse);
+    let mut states = Vec::new();
+    system.matrix.gather(impulse, &mut states);
     let is_done = |island: &&Vec<u32>| {
-        let leaves: f64 = island.iter().map(|&k| squares[k as usize]).sum();
         let allowed = limits.tolerance.powi(2) * presolve::fair_share(view, island, whole);
-        leaves <= DONE * allowed
+        let left = system.left_by(&effort.program, island, impulse, &states, DONE * allowed);
+        left.is_some()
     };
     let done: usize = islands.iter().filter(is_done).map(Vec::len).sum();
     done as f64 >= (1.0 - MOST) * view.contacts() as f64

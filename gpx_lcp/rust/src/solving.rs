@@ -8,7 +8,7 @@ use crate::arms::{Masses, Rigid};
 use crate::exact::{self, BlockMatrix, Limits, Operator};
 use crate::gauss_seidel::{Settings, Stop};
 use crate::pooling::{are_mostly_done, swept};
-use crate::presolve::{self, Form, Found, FreeMotion, Part, Reduced};
+use crate::presolve::{self, Form, Found, FreeMotion, Part, Reduced, Resting};
 use crate::program::Program;
 use crate::stacking::Stack;
 use crate::sweeping::{Look, sweep};
@@ -228,17 +228,8 @@ impl<'a> System<'a> {
         program.squared_map_of(*self, k, &impulse[at], velocity)
     }
 
-    /// The same of all contacts.
-    pub fn squared_maps(&self, program: &Program, impulse: &[f64]) -> Vec<f64> {
-        let mut states = Vec::new();
-        self.matrix.gather(impulse, &mut states);
-        let map = |k| self.squared_map(program, k, impulse, &states);
-        (0..self.friction.len()).map(map).collect()
-    }
-
-    /// What these contacts leave of ‖natural map‖², if it is no more than `most` and if they would leave more without
-    /// impulses, where Ĵ is known, and Ĵᵀ p.
-    fn left_at_rest(
+    /// What these contacts leave of ‖natural map‖², (m/s)², None where it is more than `most`; where Ĵ is known, and Ĵᵀ p.
+    pub fn left_by(
         &self,
         program: &Program,
         contacts: &[u32],
@@ -246,21 +237,29 @@ impl<'a> System<'a> {
         states: &[f64],
         most: f64,
     ) -> Option<f64> {
-        let rows = self.matrix.height;
-        let (mut left, mut without) = (0.0, 0.0);
+        let mut left = 0.0;
         for &contact in contacts {
-            let k = contact as usize;
-            left += self.squared_map(program, k, impulse, states);
+            left += self.squared_map(program, contact as usize, impulse, states);
             if left > most {
-                return None;
+                break;
             }
+        }
+        // One that is no number is not.
+        (left <= most).then_some(left)
+    }
+
+    /// What these contacts leave of it without impulses.
+    fn left_without(&self, program: &Program, contacts: &[u32]) -> f64 {
+        let rows = self.matrix.height;
+        let squared_map = |&contact: &u32| {
+            let k = contact as usize;
             let mut falling = [0.0; 3];
             for (u, b) in falling.iter_mut().zip(&self.b[rows * k..rows * (k + 1)]) {
                 *u = -b;
             }
-            without += program.squared_map_of(*self, k, &[0.0; 3][..rows], &falling[..rows]);
-        }
-        (left < without).then_some(left)
+            program.squared_map_of(*self, k, &[0.0; 3][..rows], &falling[..rows])
+        };
+        contacts.iter().map(squared_map).sum()
     }
 
     /// ‖natural map‖/‖B‖ where the states, if Ĵ is known, are Ĵᵀ p; None where it is more than `most`.
@@ -382,7 +381,9 @@ pub fn solve(
             let start = start.filter(|_| system.form == Form::Velocity)?;
             let share = presolve::fair_share(&view, island, whole);
             let most = limits.tolerance * limits.tolerance * share;
-            system.left_at_rest(&effort.program, island, start, &states, most)
+            let left = system.left_by(&effort.program, island, start, &states, most)?;
+            // Impulses that do nothing but hold each other are not kept.
+            (left < system.left_without(&effort.program, island)).then_some(left)
         };
         let answer = match presolve::reduce(&view, effort.threads, &rests) {
             Found::Nothing => None,
@@ -574,7 +575,7 @@ fn by_islands(
     }
     let reduced = Reduced {
         impulse: vec![0.0; view.b.len()],
-        resting: (Vec::new(), 0.0),
+        resting: Resting::default(),
         parts: presolve::as_they_are(view, islands),
         summary,
     };
@@ -603,26 +604,26 @@ fn by_parts(
     let whole = presolve::size(view.b);
     let Reduced {
         mut impulse,
-        resting: (resting, left),
+        resting,
         parts,
         summary,
     } = reduced;
     let answers = match effort.method {
         Method::Sweeps { .. } => {
-            let budget = (limits.tolerance * whole).powi(2) - left;
+            let budget = (limits.tolerance * whole).powi(2) - resting.leaves;
             swept(view, &parts, effort, limits, start, (budget, resumed))
         }
         Method::Exact(_) => solved(view, &parts, effort, limits, start),
     }?;
     if let Some(start) = start {
-        for &contact in resting.iter().flatten() {
+        for &contact in resting.islands.iter().flatten() {
             let at = contact as usize * view.rows;
             impulse[at..at + view.rows].copy_from_slice(&start[at..at + view.rows]);
         }
     }
     let mut answer = Answer {
         impulse,
-        residual: left.sqrt() / whole,
+        residual: resting.leaves.sqrt() / whole,
         details: effort.method.details(),
         presolve: Some(summary),
         ..Answer::default()

@@ -81,7 +81,6 @@ impl Touching {
     }
 
     /// Take the impulses of the contacts in, rows per contact, which were found from `begun`.
-    ///
     pub fn receive(&mut self, impulse: &[f64], rows: usize, time_step: f64, begun: &[Start]) {
         (self.rows, self.time_step) = (rows, time_step);
         let three = |p: &[f64]| std::array::from_fn(|r| p.get(r).copied().unwrap_or(0.0));

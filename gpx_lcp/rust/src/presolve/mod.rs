@@ -56,7 +56,7 @@ pub use inactive::any_apart;
 pub use islands::all_islands;
 pub use lift::{Model, Part, fair_share, size};
 pub use parts::{Found, Reduced, Size, Summary, as_they_are, each, reduce, summary, unreduced};
-pub use resting::Rests;
+pub use resting::{Resting, Rests};
 
 use crate::exact::{Contacts, Described, Law};
 

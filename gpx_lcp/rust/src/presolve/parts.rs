@@ -9,8 +9,8 @@ use super::inactive::Reach;
 use super::lift::{LARGEST, Model, Part};
 use super::local_bodies::LocalBodies;
 use super::{
-    Form, Rests, Shaped, View, chain, collinear, inactive, islands, planar, redundant, resting,
-    single, spatial, translational,
+    Form, Resting, Rests, Shaped, View, chain, collinear, inactive, islands, planar, redundant,
+    resting, single, spatial, translational,
 };
 
 /// Contacts, from which on a thread is started: it takes some 30 µs, as long as so many take to be solved.
@@ -80,8 +80,7 @@ impl Summary {
 /// What is left of a system: impulses known already, and parts to be solved.
 pub struct Reduced {
     pub impulse: Vec<f64>,
-    /// Islands that keep the impulses they start from, and what these leave of the squared residual, (m/s)².
-    pub resting: (Vec<Vec<u32>>, f64),
+    pub resting: Resting,
     pub parts: Vec<Part>,
     pub summary: Summary,
 }
@@ -118,11 +117,13 @@ pub fn unreduced(view: &View, islands: usize) -> Summary {
 /// The islands of a system, each as it is, small ones together.
 pub fn as_they_are(view: &View, islands: &[Vec<u32>]) -> Vec<Part> {
     let mut local = LocalBodies::new(view.bodies);
-    let part = |island: &Vec<u32>| {
-        local.renumber(view, island);
-        Part::untouched(view, island, &local)
-    };
+    let part = |island: &Vec<u32>| as_it_is(view, island, &mut local);
     gathered(islands.iter().map(part).collect())
+}
+
+fn as_it_is(view: &View, island: &[u32], local: &mut LocalBodies) -> Part {
+    local.renumber(view, island);
+    Part::untouched(view, island, local)
 }
 
 /// Runs one task for each item, with the number of threads that it may use `within`, if it uses any, and returns the
@@ -174,7 +175,7 @@ fn found(view: &View, rests: Rests, team: &Team) -> Found {
     let mut islands = islands::all_islands(view);
     summary.islands = islands.len();
     let resting = resting::leave_out(view, &mut islands, rests);
-    for island in &resting.0 {
+    for island in &resting.islands {
         local.renumber(view, island);
         summary.count("resting", 1, part_size(view, island, &local));
     }
@@ -203,24 +204,23 @@ fn found(view: &View, rests: Rests, team: &Team) -> Found {
             return Found::Islands(pieces);
         }
         for (piece, _) in staying {
-            local.renumber(view, piece);
-            let part = Part::untouched(view, piece, &local);
+            let part = as_it_is(view, piece, &mut local);
             summary.after.add(part.size());
             parts.push(part);
         }
         let mut stay = stay.into_iter();
         pieces.retain(|_| !stay.next().expect("one of each piece"));
     }
-    match reduced(view, pieces, parts, summary, &mut local, team) {
-        None => Found::Nothing,
-        Some(reduced) => Found::Reduced(Reduced { resting, ..reduced }),
-    }
+    let reduced = reduced(view, pieces, resting, parts, summary, &mut local, team);
+    reduced.map_or(Found::Nothing, Found::Reduced)
 }
 
-/// What is left of these islands, beside the parts that stay as they are; None where that is the whole system.
+/// What is left of these islands, beside those that rest and the parts that stay as they are; None where that is the whole
+/// system.
 fn reduced(
     view: &View,
     islands: Vec<Vec<u32>>,
+    resting: Resting,
     mut parts: Vec<Part>,
     mut summary: Summary,
     local: &mut LocalBodies,
@@ -292,7 +292,7 @@ fn reduced(
     summary.count("free bodies", 0, removed);
     Some(Reduced {
         impulse,
-        resting: (Vec::new(), 0.0),
+        resting,
         parts,
         summary,
     })
