@@ -15,6 +15,7 @@ from benchmarks import exit_codes, machine, store
 from benchmarks.attempts import Attempt, Batch, Suite
 from benchmarks.cluster import measure_on
 from benchmarks.engines import ENGINES
+from benchmarks.interrupts import remembered
 from benchmarks.measuring import Measured, measure, not_measured
 from benchmarks.pages import Pages
 from benchmarks.records import Record
@@ -134,7 +135,13 @@ def _missing(wanted: Sequence[Batch], known: Sequence[Record]) -> list[Batch]:
 def _measure(state: Run, batches: Sequence[Batch], scheduler: str | None) -> None:
     """Measure batch by batch, each stored as it is done; Ctrl-C ends it early, and the rest is listed as left out."""
     left = {id(batch): batch for batch in batches}
-    with state.pages.progress(sum(len(batch.attempts) * batch.repeats for batch in batches)) as advance:
+    total = sum(len(batch.attempts) * batch.repeats for batch in batches)
+    with remembered() as require_no_interrupt, state.pages.progress(total) as advance_bar:
+
+        def advance(text: str) -> None:
+            require_no_interrupt()
+            advance_bar(text)
+
         try:
             shared = bool(scheduler and batches)
             for batch, measured in measure_on(scheduler, batches, advance) if shared else _here(batches, advance):

@@ -3,6 +3,8 @@
 import argparse
 import csv
 import io
+import signal
+import weakref
 from dataclasses import replace
 
 import pyarrow.parquet
@@ -80,6 +82,30 @@ def test_after_ctrl_c_every_attempt_has_a_row_and_what_was_measured_is_kept(tmp_
     ]
     assert [row.repeats for row in rows] == [2, 1, 1, 0, 0, 0]
     assert rows[1].natural_map is not None and rows[3].natural_map is None
+
+
+class StopsUnseen:
+    """Sends Ctrl-C before a trial, where Python drops the KeyboardInterrupt: in a weak reference's callback."""
+
+    def __init__(self, trial):
+        self.trial, self.made = trial, 0
+
+    def __call__(self, attempt):
+        self.made += 1
+        if self.made == self.trial:
+            gone = Stops()
+            kept = weakref.ref(gone, lambda reference: signal.raise_signal(signal.SIGINT))
+            del gone
+            assert kept() is None
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_ctrl_c_that_python_drops_stops_the_run_before_the_next_trial(tmp_path):
+    unseen = StopsUnseen(5)
+    assert call(FakeSuite(2, 3, unseen), tmp_path) == exit_codes.INTERRUPTED
+    assert unseen.made == 5
+    assert [row.repeats for row in store.read(tmp_path / "fake")] == [2, 2, 1, 0, 0, 0]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_resume_makes_only_what_is_missing(tmp_path):
