@@ -315,6 +315,16 @@ fn perform_by_quads<const R: usize, const D: usize, L: Law<R>, S: Rows<R, D>>(
     task: Task,
     part: Range<usize>,
 ) {
+    if let Task::Sweep {
+        relaxation,
+        momentum,
+    } = task
+    {
+        for number in part {
+            work.visit_by_turns::<Quad<0>, Quad<4>>(number, relaxation, momentum);
+        }
+        return;
+    }
     for number in part {
         work.perform::<Quad<0>>(task, number);
         work.perform::<Quad<4>>(task, number);
@@ -369,36 +379,74 @@ impl<const R: usize, const D: usize, L: Law<R>, S: Rows<R, D>> Work<'_, R, D, L,
         let mut states = self.load::<V>(self.states, batch);
         let mut agreement = V::splat(0.0);
         for at in batch.visits.clone() {
-            // SAFETY: visits, locals and `before` of this batch are this thread's, and so is its number.
-            let visit = unsafe { &mut *self.visits.add(at) };
-            let locals =
-                unsafe { std::slice::from_raw_parts_mut(self.locals.add(LANES * at), LANES) };
-            let velocity = self.velocity(at, visit, &states);
-            let last = visit.impulse;
-            if let Some(beta) = momentum {
-                let before = unsafe { &mut *self.before.add(at) };
-                for r in 0..R {
-                    let (p, x) = (V::load(&last[r]), V::load(&before[r]));
-                    p.plus_product(V::splat(beta), p - x)
-                        .store(&mut visit.impulse[r]);
-                    // Lane by lane: the others may not have read theirs.
-                    p.store(&mut before[r]);
-                }
-            }
-            let change = visit.visit::<L, V>(self.law, locals, &velocity, relaxation);
-            self.add(at, &change, &mut states);
-            if momentum.is_some() {
-                let mut sum = V::splat(0.0);
-                for r in 0..R {
-                    let way = V::load(&visit.impulse[r]) - V::load(&last[r]);
-                    sum = sum.plus_product(change[r], way);
-                }
-                agreement = agreement.plus_product(V::load(&visit.scale), sum);
-            }
+            self.visit_one(at, relaxation, momentum, &mut states, &mut agreement);
         }
         self.store(self.states, batch, &states);
         if momentum.is_some() {
+            // SAFETY: the number of this batch is this thread's.
             agreement.store(unsafe { &mut *self.numbers.add(number) });
+        }
+    }
+
+    /// The same for two parts of the lanes, in turns: while one waits for its own results the other goes on.
+    #[inline(always)]
+    fn visit_by_turns<V: OctLanes, W: OctLanes>(
+        &self,
+        number: usize,
+        relaxation: f64,
+        momentum: Option<f64>,
+    ) {
+        let batch = &self.batches[number];
+        let mut one = self.load::<V>(self.states, batch);
+        let mut other = self.load::<W>(self.states, batch);
+        let (mut agrees, mut agrees_too) = (V::splat(0.0), W::splat(0.0));
+        for at in batch.visits.clone() {
+            self.visit_one(at, relaxation, momentum, &mut one, &mut agrees);
+            self.visit_one(at, relaxation, momentum, &mut other, &mut agrees_too);
+        }
+        self.store(self.states, batch, &one);
+        self.store(self.states, batch, &other);
+        if momentum.is_some() {
+            // SAFETY: the number of this batch is this thread's.
+            let numbers = unsafe { &mut *self.numbers.add(number) };
+            agrees.store(numbers);
+            agrees_too.store(numbers);
+        }
+    }
+
+    #[inline(always)]
+    fn visit_one<V: OctLanes>(
+        &self,
+        at: usize,
+        relaxation: f64,
+        momentum: Option<f64>,
+        states: &mut [[V; D]; 2],
+        agreement: &mut V,
+    ) {
+        // SAFETY: visits, locals and `before` of this batch are this thread's.
+        let visit = unsafe { &mut *self.visits.add(at) };
+        let locals = unsafe { std::slice::from_raw_parts_mut(self.locals.add(LANES * at), LANES) };
+        let velocity = self.velocity(at, visit, states);
+        let last = visit.impulse;
+        if let Some(beta) = momentum {
+            let before = unsafe { &mut *self.before.add(at) };
+            for r in 0..R {
+                let (p, x) = (V::load(&last[r]), V::load(&before[r]));
+                p.plus_product(V::splat(beta), p - x)
+                    .store(&mut visit.impulse[r]);
+                // Lane by lane: the others may not have read theirs.
+                p.store(&mut before[r]);
+            }
+        }
+        let change = visit.visit::<L, V>(self.law, locals, &velocity, relaxation);
+        self.add(at, &change, states);
+        if momentum.is_some() {
+            let mut sum = V::splat(0.0);
+            for r in 0..R {
+                let way = V::load(&visit.impulse[r]) - V::load(&last[r]);
+                sum = sum.plus_product(change[r], way);
+            }
+            *agreement = agreement.plus_product(V::load(&visit.scale), sum);
         }
     }
 

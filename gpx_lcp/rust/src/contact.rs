@@ -241,12 +241,13 @@ impl<T: Memory, const R: usize> Contact<T, R> {
             }
         }
         let opens = law.separates(V::load(&self.friction), &b);
-        let (mut found, follows) = law.slide_on(self, locals, &b);
+        let settled = V::bits(sticks) | V::bits(opens);
+        let (mut found, follows) = law.slide_on(self, locals, &b, V::ALL & !settled);
         for r in 0..R {
             found[r] = found[r].replaced(opens, V::splat(0.0));
             found[r] = found[r].replaced(sticks, impulse[r]);
         }
-        let known = V::bits(sticks) | V::bits(opens) | V::bits(follows);
+        let known = settled | V::bits(follows);
         if known != V::ALL {
             let mut memory = [T::filled(0.0); R];
             let mut speeds = memory;
@@ -339,14 +340,17 @@ pub trait Law<const R: usize>: Sync {
         b: &Vector<R>,
     ) -> Option<Vector<R>>;
 
-    /// What `slide` finds, if it is near what it found last for this contact, and whether that is certain.
+    /// What `slide` finds, if it is near what it found last for this contact, and whether that is certain; of lanes that are
+    /// not wanted, bit by bit, nothing is asked.
     ///
-    /// One step towards it is enough: from sweep to sweep it moves ever less, and this step leaves the square of that.
+    /// One step towards it is enough, as a rule: from sweep to sweep it moves ever less, and this step leaves the square of
+    /// that.
     fn slide_on<V: Lanes>(
         &self,
         contact: &mut Contact<V::Memory, R>,
         locals: &[Self::Local],
         b: &[V; R],
+        wanted: u32,
     ) -> ([V; R], V::Mask);
 
     /// The nearest allowed impulse (for polygons: an allowed one with the same normal part, as near as can be).

@@ -10,7 +10,7 @@ use std::ops::Range;
 use crate::abreast::{Abreast, Batch, Place, Room, Rows, line};
 use crate::colouring::{self, NONE, coloured};
 use crate::contact::{Contact, Law};
-use crate::delassus::{self, Delassus, Sweeper, is_movable};
+use crate::delassus::{self, Delassus, Sweeper};
 use crate::exact::BlockMatrix;
 use crate::gauss_seidel::Problem;
 use crate::lanes::{LANES, Oct, OctLanes};
@@ -76,18 +76,35 @@ impl<'a, const R: usize, const D: usize, S: Source<R, D>> Factored<'a, R, D, S> 
         })
     }
 
-    /// The blocks of contact i; a body named twice adds its blocks.
-    fn sides(&self, i: usize) -> Sides<R, D> {
-        let mut sides = [[[0.0; D]; R]; 2];
+    /// Add the blocks of contact i; a body named twice adds both of its blocks.
+    fn add_sides(&self, i: usize, sides: &mut Sides<R, D>) {
         for (body, values) in self.whitened.row(i) {
-            let side = usize::from(self.pairs[i][0] as usize != body);
+            let side = self.side(i, body);
             for (sum, values) in sides[side].iter_mut().zip(values.as_chunks::<D>().0) {
                 for (sum, value) in sum.iter_mut().zip(values) {
                     *sum += value;
                 }
             }
         }
-        sides
+    }
+
+    fn side(&self, i: usize, body: usize) -> usize {
+        usize::from(self.pairs[i][0] as usize != body)
+    }
+
+    /// Whether an impulse moves contact i at all: whether a diagonal entry of A_ii is not zero. Nearly always the first
+    /// tells, and no other is worked out.
+    fn can_move(&self, i: usize) -> bool {
+        (0..R).any(|r| {
+            let mut sums = [[0.0; D]; 2];
+            for (body, values) in self.whitened.row(i) {
+                let sum = &mut sums[self.side(i, body)];
+                for (sum, value) in sum.iter_mut().zip(&values[D * r..D * (r + 1)]) {
+                    *sum += value;
+                }
+            }
+            sums.iter().any(|row| dot(row, row) > 0.0)
+        })
     }
 }
 
@@ -97,7 +114,9 @@ impl<const R: usize, const D: usize, S: Source<R, D>> Delassus<R> for Factored<'
     }
 
     fn diagonal_block(&self, i: usize) -> Matrix<R> {
-        block(&self.sides(i))
+        let mut sides = [[[0.0; D]; R]; 2];
+        self.add_sides(i, &mut sides);
+        block(&sides)
     }
 
     fn sweeper<'a, L: Law<R>>(
@@ -111,7 +130,7 @@ impl<const R: usize, const D: usize, S: Source<R, D>> Delassus<R> for Factored<'
         let mut parts: Vec<_> = can_move.chunks_mut(CONTACTS).enumerate().collect();
         team.each(&mut parts, |(part, can_move)| {
             for (i, can_move) in (CONTACTS * *part..).zip(can_move.iter_mut()) {
-                *can_move = is_movable(&self.diagonal_block(i));
+                *can_move = self.can_move(i);
             }
         });
         let (mut movable, mut pairs, mut locked) = (Vec::new(), Vec::new(), 0.0);
@@ -170,8 +189,16 @@ impl<const R: usize, const D: usize, S: Source<R, D>> Delassus<R> for Factored<'
 }
 
 /// A_ii.
+#[inline(always)]
 fn block<const R: usize, const D: usize>([a, b]: &Sides<R, D>) -> Matrix<R> {
-    std::array::from_fn(|r| std::array::from_fn(|c| dot(&a[r], &a[c]) + dot(&b[r], &b[c])))
+    let mut block = [[0.0; R]; R];
+    for r in 0..R {
+        for c in 0..=r {
+            block[r][c] = dot(&a[r], &a[c]) + dot(&b[r], &b[c]);
+            block[c][r] = block[r][c];
+        }
+    }
+    block
 }
 
 /// Lay a batch out in its room; `movable` gives the numbers of its contacts in the system.
@@ -195,7 +222,7 @@ fn lay_out<const R: usize, const D: usize, L: Law<R>, S: Source<R, D>>(
             let i = number as usize;
             visit.numbers[lane] = number;
             visit.bodies[lane] = factored.pairs[i];
-            visit.sides[lane] = factored.sides(i);
+            factored.add_sides(i, &mut visit.sides[lane]);
             let block = block(&visit.sides[lane]);
             let contact = delassus::contact(i, &block, law, problem, &start[i]);
             contacts.set(lane, &contact);

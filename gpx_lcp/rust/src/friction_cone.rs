@@ -59,7 +59,7 @@ impl<const R: usize> SlidingBasis<R> {
 }
 
 impl<const R: usize> Law<R> for Coulomb {
-    type Local = Option<SlidingBasis<R>>;
+    type Local = Option<Box<SlidingBasis<R>>>;
 
     #[inline(always)]
     fn contains<V: Lanes>(&self, friction: V, impulse: &[V; R]) -> V::Mask {
@@ -82,10 +82,10 @@ impl<const R: usize> Law<R> for Coulomb {
     fn slide(
         &self,
         contact: &Contact<f64, R>,
-        local: &mut Option<SlidingBasis<R>>,
+        local: &mut Option<Box<SlidingBasis<R>>>,
         b: &Vector<R>,
     ) -> Option<Vector<R>> {
-        let local = local.get_or_insert_with(|| SlidingBasis::of(contact));
+        let local = local.get_or_insert_with(|| Box::new(SlidingBasis::of(contact)));
         let normal = *contact.block_at(0, 0);
         let mut reduced = [0.0; R];
         for r in 1..R {
@@ -136,10 +136,11 @@ impl<const R: usize> Law<R> for Coulomb {
     fn slide_on<V: Lanes>(
         &self,
         contact: &mut Contact<V::Memory, R>,
-        _locals: &[Option<SlidingBasis<R>>],
+        _locals: &[Option<Box<SlidingBasis<R>>>],
         b: &[V; R],
+        wanted: u32,
     ) -> ([V; R], V::Mask) {
-        follow::<V, R, false>(contact, b)
+        follow::<V, R, false>(contact, b, wanted)
     }
 
     #[inline]
@@ -206,7 +207,7 @@ impl<const R: usize> ConeBasis<R> {
 }
 
 impl<const R: usize> Law<R> for ConvexCone {
-    type Local = Option<ConeBasis<R>>;
+    type Local = Option<Box<ConeBasis<R>>>;
 
     #[inline(always)]
     fn contains<V: Lanes>(&self, friction: V, impulse: &[V; R]) -> V::Mask {
@@ -234,11 +235,11 @@ impl<const R: usize> Law<R> for ConvexCone {
     fn slide(
         &self,
         contact: &Contact<f64, R>,
-        local: &mut Option<ConeBasis<R>>,
+        local: &mut Option<Box<ConeBasis<R>>>,
         b: &Vector<R>,
     ) -> Option<Vector<R>> {
         if local.is_none() {
-            *local = ConeBasis::of(contact);
+            *local = ConeBasis::of(contact).map(Box::new);
         }
         let local = local.as_mut()?;
         let columns = transposed(&local.vectors);
@@ -280,10 +281,11 @@ impl<const R: usize> Law<R> for ConvexCone {
     fn slide_on<V: Lanes>(
         &self,
         contact: &mut Contact<V::Memory, R>,
-        _locals: &[Option<ConeBasis<R>>],
+        _locals: &[Option<Box<ConeBasis<R>>>],
         b: &[V; R],
+        wanted: u32,
     ) -> ([V; R], V::Mask) {
-        follow::<V, R, true>(contact, b)
+        follow::<V, R, true>(contact, b, wanted)
     }
 
     #[inline]

@@ -1,4 +1,5 @@
-//! The direction in which a sliding contact pushes, followed from sweep to sweep by one Newton step on its angle.
+//! The direction in which a sliding contact pushes, followed from sweep to sweep by a Newton step on its angle, or found by
+//! some.
 //!
 //! On the boundary of the cone p = p_n e with e = (1, μ t), t a unit vector. With f = n for Coulomb's law (u_n = 0) and
 //! f = e for the convex cone (p·u = 0), f·(A e p_n + b) = 0 gives p_n = -f·b/(f·A e), and what is left is that u_t is
@@ -10,18 +11,26 @@
 
 use crate::contact::Contact;
 use crate::lanes::Lanes;
+use crate::small_matrix::tangent_length;
 
-/// Largest turn in one visit, rad: a step that asks for more is left to the exact solution.
+/// Largest turn of a heading that is followed by one step, rad. The step leaves the square of it.
 const LARGEST_TURN: f64 = 0.1;
+/// A heading that turns further, or is the first, is found by more steps, to rounding: the last one turns so little,
+const LAST_TURN: f64 = 1e-6;
+/// it is one of so many, or else the exact solution is called for,
+const STEPS: usize = 6;
+/// and none goes further than to this q: the slope is that of where it begins.
+const FARTHEST: f64 = 0.5;
 
-/// The sliding impulse for b after one Newton step, and where it is one: not where it turns far, or finds no sliding. With one
-/// tangent there are two directions to slide in, and it is one where exactly one of them does.
+/// The sliding impulse for b, and where it is one: not where the steps find none, or no sliding. With one tangent there are
+/// two directions to slide in, and it is one where exactly one of them does.
 ///
-/// The heading follows where it is one.
+/// The heading follows where it is one. As a rule one step is all; more are taken for lanes that are wanted, bit by bit.
 #[inline(always)]
 pub fn follow<V: Lanes, const R: usize, const CONVEX: bool>(
     contact: &mut Contact<V::Memory, R>,
     b: &[V; R],
+    wanted: u32,
 ) -> ([V; R], V::Mask) {
     let (zero, one) = (V::splat(0.0), V::splat(1.0));
     if R == 2 {
@@ -36,73 +45,98 @@ pub fn follow<V: Lanes, const R: usize, const CONVEX: bool>(
             a[r][c] = V::load(contact.block_at(r, c));
         }
     }
-    let (x, y) = (V::load(&contact.heading[0]), V::load(&contact.heading[1]));
+    let before = [V::load(&contact.heading[0]), V::load(&contact.heading[1])];
+    let [mut x, mut y] = before;
+    let has_slid = (x * x + y * y).at_least(V::splat(0.5));
+    if V::bits(has_slid) & wanted != wanted {
+        // At first, against the velocity that there is without the impulse.
+        let speed = tangent_length(b);
+        x = (-b[1] / speed).replaced(has_slid, x);
+        y = (-b[2] / speed).replaced(has_slid, y);
+    }
     let friction = V::load(&contact.friction);
-    let square = x * x + y * y;
     // f = (1, ν t)
     let nu = if CONVEX { friction } else { zero };
-    let turned = [a[1][1] * x + a[1][2] * y, a[1][2] * x + a[2][2] * y];
-    // t⊥·A_tt t⊥, from the trace
-    let stiffness = a[1][1] + a[2][2] - (x * turned[0] + y * turned[1]);
-    let tangent = [
-        a[0][1] + friction * turned[0],
-        a[0][2] + friction * turned[1],
-    ];
-    let (b_along, b_across) = (x * b[1] + y * b[2], x * b[2] - y * b[1]);
-    let (e_along, e_across) = (
-        x * tangent[0] + y * tangent[1],
-        x * tangent[1] - y * tangent[0],
-    );
-    let resistance = a[0][0] + friction * (x * a[0][1] + y * a[0][2]) + nu * e_along;
-    let push = b[0] + nu * b_along;
-    // u_t times the resistance, along t and across it
-    let slip = b_along * resistance - push * e_along;
-    let error = b_across * resistance - push * e_across;
-    let turned_across = x * turned[1] - y * turned[0];
-    let resistance_slope =
-        friction * (x * a[0][2] - y * a[0][1]) + nu * (e_across + friction * turned_across);
-    let slope = b_across * (resistance_slope - nu * e_across) - push * friction * stiffness - slip;
-    let half_turn = V::splat(-0.5) * error / slope;
-    // The new t, times 1 + q².
-    let (size, keep) = (one + half_turn * half_turn, one - half_turn * half_turn);
-    let turn = half_turn + half_turn;
-    let direction = [keep * x - turn * y, keep * y + turn * x];
-    let ray = [size, friction * direction[0], friction * direction[1]];
-    let first = a[0][0] * ray[0] + a[0][1] * ray[1] + a[0][2] * ray[2];
-    let (resistance, push) = if CONVEX {
-        let rest = ray[1] * (a[1][0] * ray[0] + a[1][1] * ray[1] + a[1][2] * ray[2])
-            + ray[2] * (a[2][0] * ray[0] + a[2][1] * ray[1] + a[2][2] * ray[2]);
-        (
-            size * first + rest,
-            ray[0] * b[0] + ray[1] * b[1] + ray[2] * b[2],
-        )
-    } else {
-        (first, b[0])
-    };
-    let factor = -push / resistance;
     let mut impulse = *b;
-    let mut follows = factor.at_least(zero);
-    for r in 0..3 {
-        impulse[r] = factor * ray[r];
-        follows = V::both(follows, impulse[r].finite());
+    let mut last = V::splat(0.5 * LAST_TURN).replaced(has_slid, V::splat(0.5 * LARGEST_TURN));
+    let mut step = 1;
+    loop {
+        let square = x * x + y * y;
+        let turned = [a[1][1] * x + a[1][2] * y, a[1][2] * x + a[2][2] * y];
+        // t⊥·A_tt t⊥, from the trace
+        let stiffness = a[1][1] + a[2][2] - (x * turned[0] + y * turned[1]);
+        let tangent = [
+            a[0][1] + friction * turned[0],
+            a[0][2] + friction * turned[1],
+        ];
+        let (b_along, b_across) = (x * b[1] + y * b[2], x * b[2] - y * b[1]);
+        let (e_along, e_across) = (
+            x * tangent[0] + y * tangent[1],
+            x * tangent[1] - y * tangent[0],
+        );
+        let resistance = a[0][0] + friction * (x * a[0][1] + y * a[0][2]) + nu * e_along;
+        let push = b[0] + nu * b_along;
+        // u_t times the resistance, along t and across it
+        let slip = b_along * resistance - push * e_along;
+        let error = b_across * resistance - push * e_across;
+        let turned_across = x * turned[1] - y * turned[0];
+        let resistance_slope =
+            friction * (x * a[0][2] - y * a[0][1]) + nu * (e_across + friction * turned_across);
+        let slope =
+            b_across * (resistance_slope - nu * e_across) - push * friction * stiffness - slip;
+        let half_turn = V::splat(-0.5) * error / slope;
+        // The new t, times 1 + q².
+        let (size, keep) = (one + half_turn * half_turn, one - half_turn * half_turn);
+        let turn = half_turn + half_turn;
+        let direction = [keep * x - turn * y, keep * y + turn * x];
+        let ray = [size, friction * direction[0], friction * direction[1]];
+        let first = a[0][0] * ray[0] + a[0][1] * ray[1] + a[0][2] * ray[2];
+        let (resistance, push) = if CONVEX {
+            let rest = ray[1] * (a[1][0] * ray[0] + a[1][1] * ray[1] + a[1][2] * ray[2])
+                + ray[2] * (a[2][0] * ray[0] + a[2][1] * ray[1] + a[2][2] * ray[2]);
+            (
+                size * first + rest,
+                ray[0] * b[0] + ray[1] * b[1] + ray[2] * b[2],
+            )
+        } else {
+            (first, b[0])
+        };
+        let factor = -push / resistance;
+        let rises = slope.at_least(V::splat(f64::MIN_POSITIVE));
+        let mut follows = V::both(rises, factor.at_least(zero));
+        for r in 0..3 {
+            impulse[r] = factor * ray[r];
+            follows = V::both(follows, impulse[r].finite());
+        }
+        for holds in [
+            zero.at_least(slip),
+            last.at_least(half_turn),
+            half_turn.at_least(-last),
+        ] {
+            follows = V::both(follows, holds);
+        }
+        if step == STEPS || wanted & V::bits(rises) & !V::bits(follows) == 0 {
+            // The length is one but for rounding, which this keeps from adding up.
+            let unit = (V::splat(1.5) - V::splat(0.5) * square) / size;
+            for k in 0..2 {
+                before[k]
+                    .replaced(follows, unit * direction[k])
+                    .store(&mut contact.heading[k]);
+            }
+            return (impulse, follows);
+        }
+        let (least, most) = (V::splat(-FARTHEST), V::splat(FARTHEST));
+        let q = half_turn
+            .replaced(half_turn.at_least(most), most)
+            .replaced(least.at_least(half_turn), least);
+        let (size, keep, turn) = (one + q * q, one - q * q, q + q);
+        (x, y) = (
+            x.replaced(rises, (keep * x - turn * y) / size),
+            y.replaced(rises, (keep * y + turn * x) / size),
+        );
+        last = V::splat(0.5 * LAST_TURN);
+        step += 1;
     }
-    let half = V::splat(0.5 * LARGEST_TURN);
-    for holds in [
-        square.at_least(V::splat(0.5)),
-        slope.at_least(V::splat(f64::MIN_POSITIVE)),
-        zero.at_least(slip),
-        half.at_least(half_turn),
-        half_turn.at_least(-half),
-    ] {
-        follows = V::both(follows, holds);
-    }
-    // The length is one but for rounding, which this keeps from adding up.
-    let unit = (V::splat(1.5) - V::splat(0.5) * square) / size;
-    x.replaced(follows, unit * direction[0])
-        .store(&mut contact.heading[0]);
-    y.replaced(follows, unit * direction[1])
-        .store(&mut contact.heading[1]);
-    (impulse, follows)
 }
 
 /// The same with one tangent: p = p_n (1, ±μ) slides against ±t where p_n ≥ 0 and ±u_t ≤ 0.
@@ -150,8 +184,9 @@ mod tests {
     use crate::friction_cone::{ConvexCone, Coulomb};
     use crate::small_matrix::Vector;
 
-    /// How far from the exact slide one step ends that starts from a slide with a velocity `shift` m/s away, at most.
-    fn worst_error<L: Law<3>>(law: &L, shift: f64) -> f64 {
+    /// How far from the exact slide a slide is found, at most, that follows one with a velocity `shift` m/s away, or the
+    /// first one.
+    fn worst_error<L: Law<3>>(law: &L, shift: Option<f64>) -> f64 {
         let mut random = Uniform(8);
         let mut worst = 0.0f64;
         let mut followed = 0;
@@ -163,14 +198,16 @@ mod tests {
             // Fast enough to slide.
             b[0] = -0.1 - b[0].abs();
             b[1] += 3.0f64.copysign(b[1]);
-            let found = law.slide(&contact, &mut L::Local::default(), &b).unwrap();
-            let length = found[1].hypot(found[2]);
-            contact.heading = [found[1] / length, found[2] / length];
-            for value in &mut b {
-                *value += shift * random.draw();
+            if let Some(shift) = shift {
+                let found = law.slide(&contact, &mut L::Local::default(), &b).unwrap();
+                let length = found[1].hypot(found[2]);
+                contact.heading = [found[1] / length, found[2] / length];
+                for value in &mut b {
+                    *value += shift * random.draw();
+                }
             }
             let exact = law.slide(&contact, &mut L::Local::default(), &b).unwrap();
-            let (found, follows) = law.slide_on::<f64>(&mut contact, &[], &b);
+            let (found, follows) = law.slide_on::<f64>(&mut contact, &[], &b, 1);
             if follows {
                 followed += 1;
                 for r in 0..3 {
@@ -186,11 +223,18 @@ mod tests {
     fn one_step_leaves_the_square_of_the_distance() {
         for shift in [0.0, 1e-6, 1e-3] {
             for worst in [
-                worst_error(&Coulomb, shift),
-                worst_error(&ConvexCone, shift),
+                worst_error(&Coulomb, Some(shift)),
+                worst_error(&ConvexCone, Some(shift)),
             ] {
                 assert!(worst < 1e-11 + 10.0 * shift * shift, "{worst} at {shift}");
             }
+        }
+    }
+
+    #[test]
+    fn the_first_slide_is_found_to_rounding() {
+        for worst in [worst_error(&Coulomb, None), worst_error(&ConvexCone, None)] {
+            assert!(worst < 1e-10, "{worst}");
         }
     }
 
@@ -207,7 +251,7 @@ mod tests {
             b[0] = -0.1 - b[0].abs();
             b[1] += 3.0f64.copysign(b[1]);
             let exact = law.slide(&contact, &mut L::Local::default(), &b).unwrap();
-            let (found, follows) = law.slide_on::<f64>(&mut contact, &[], &b);
+            let (found, follows) = law.slide_on::<f64>(&mut contact, &[], &b, 1);
             if follows {
                 followed += 1;
                 for r in 0..2 {
@@ -228,7 +272,7 @@ mod tests {
     #[test]
     fn what_sticks_or_jams_is_left_to_the_exact_solution() {
         let mut contact = Contact::new(&[[1.0, 0.0], [0.0, 1.0]], [0.0; 2], 0.5, 1.0);
-        let slide = |contact: &mut Contact<f64, 2>, b| Coulomb.slide_on::<f64>(contact, &[], &b);
+        let slide = |contact: &mut Contact<f64, 2>, b| Coulomb.slide_on::<f64>(contact, &[], &b, 1);
         assert_eq!(slide(&mut contact, [-1.0, 2.0]), ([1.0, -0.5], true));
         assert!(!slide(&mut contact, [-1.0, 0.1]).1, "it sticks");
         // Painlevé: sliding one way, friction would press the contact on harder than its load does.

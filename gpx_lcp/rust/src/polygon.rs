@@ -241,6 +241,7 @@ impl<const R: usize> Law<R> for Polygon<R> {
         contact: &mut Contact<V::Memory, R>,
         locals: &[Option<Feature>],
         b: &[V; R],
+        _wanted: u32,
     ) -> ([V; R], V::Mask) {
         let (zero, one) = (V::splat(0.0), V::splat(1.0));
         if R != 3 {
