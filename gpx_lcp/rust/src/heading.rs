@@ -13,13 +13,13 @@ use crate::contact::Contact;
 use crate::lanes::Lanes;
 use crate::small_matrix::tangent_length;
 
-/// Largest turn of a heading that is followed by one step, rad. The step leaves the square of it.
-const LARGEST_TURN: f64 = 0.1;
-/// A heading that turns further, or is the first, is found by more steps, to rounding: the last one turns so little,
-const LAST_TURN: f64 = 1e-6;
-/// it is one of so many, or else the exact solution is called for,
+/// Largest turn of the last step, rad, which leaves the square of it: of a heading that is followed, and of a first one,
+/// which is found to rounding.
+const LAST_TURN: f64 = 0.02;
+const LAST_OF_FIRST: f64 = 1e-6;
+/// Steps, at most, before the exact solution is called for.
 const STEPS: usize = 6;
-/// and none goes further than to this q: the slope is that of where it begins.
+/// No step goes further than to this q: its slope is that of where it begins.
 const FARTHEST: f64 = 0.5;
 
 /// The sliding impulse for b, and where it is one: not where the steps find none, or no sliding. With one tangent there are
@@ -32,7 +32,7 @@ pub fn follow<V: Lanes, const R: usize, const CONVEX: bool>(
     b: &[V; R],
     wanted: u32,
 ) -> ([V; R], V::Mask) {
-    let (zero, one) = (V::splat(0.0), V::splat(1.0));
+    let zero = V::splat(0.0);
     if R == 2 {
         return one_of_two::<V, R, CONVEX>(contact, b);
     }
@@ -57,67 +57,60 @@ pub fn follow<V: Lanes, const R: usize, const CONVEX: bool>(
     let friction = V::load(&contact.friction);
     // f = (1, ν t)
     let nu = if CONVEX { friction } else { zero };
+    let last = V::splat(0.5 * LAST_OF_FIRST).replaced(has_slid, V::splat(0.5 * LAST_TURN));
     let mut impulse = *b;
-    let mut last = V::splat(0.5 * LAST_TURN).replaced(has_slid, V::splat(0.5 * LARGEST_TURN));
     let mut step = 1;
     loop {
-        let square = x * x + y * y;
-        let turned = [a[1][1] * x + a[1][2] * y, a[1][2] * x + a[2][2] * y];
+        let turned = [two(a[1][1], x, a[1][2], y), two(a[1][2], x, a[2][2], y)];
         // t⊥·A_tt t⊥, from the trace
-        let stiffness = a[1][1] + a[2][2] - (x * turned[0] + y * turned[1]);
+        let stiffness = a[1][1] + a[2][2] - two(x, turned[0], y, turned[1]);
         let tangent = [
-            a[0][1] + friction * turned[0],
-            a[0][2] + friction * turned[1],
+            a[0][1].plus_product(friction, turned[0]),
+            a[0][2].plus_product(friction, turned[1]),
         ];
-        let (b_along, b_across) = (x * b[1] + y * b[2], x * b[2] - y * b[1]);
-        let (e_along, e_across) = (
-            x * tangent[0] + y * tangent[1],
-            x * tangent[1] - y * tangent[0],
-        );
-        let resistance = a[0][0] + friction * (x * a[0][1] + y * a[0][2]) + nu * e_along;
-        let push = b[0] + nu * b_along;
+        let (b_along, b_across) = (two(x, b[1], y, b[2]), two(x, b[2], -y, b[1]));
+        let e_along = two(x, tangent[0], y, tangent[1]);
+        let e_across = two(x, tangent[1], -y, tangent[0]);
+        let resistance = a[0][0]
+            .plus_product(friction, two(x, a[0][1], y, a[0][2]))
+            .plus_product(nu, e_along);
+        let push = b[0].plus_product(nu, b_along);
         // u_t times the resistance, along t and across it
-        let slip = b_along * resistance - push * e_along;
-        let error = b_across * resistance - push * e_across;
-        let turned_across = x * turned[1] - y * turned[0];
+        let slip = two(b_along, resistance, -push, e_along);
+        let error = two(b_across, resistance, -push, e_across);
+        let turned_across = two(x, turned[1], -y, turned[0]);
         let resistance_slope =
-            friction * (x * a[0][2] - y * a[0][1]) + nu * (e_across + friction * turned_across);
-        let slope =
-            b_across * (resistance_slope - nu * e_across) - push * friction * stiffness - slip;
-        let half_turn = V::splat(-0.5) * error / slope;
-        // The new t, times 1 + q².
-        let (size, keep) = (one + half_turn * half_turn, one - half_turn * half_turn);
-        let turn = half_turn + half_turn;
-        let direction = [keep * x - turn * y, keep * y + turn * x];
+            friction * two(x, a[0][2], -y, a[0][1]) + nu * friction * turned_across;
+        let slope = two(b_across, resistance_slope, -push, friction * stiffness) - slip;
+        // q is e/slope. The new t, and its ray in the cone, times slope² + e²: what follows does not wait for a division.
+        let e = V::splat(-0.5) * error;
+        let rises = slope.at_least(V::splat(f64::MIN_POSITIVE));
+        let (size, direction) = turned_by(e, slope, x, y);
         let ray = [size, friction * direction[0], friction * direction[1]];
-        let first = a[0][0] * ray[0] + a[0][1] * ray[1] + a[0][2] * ray[2];
+        let first = two(a[0][0], ray[0], a[0][1], ray[1]).plus_product(a[0][2], ray[2]);
         let (resistance, push) = if CONVEX {
-            let rest = ray[1] * (a[1][0] * ray[0] + a[1][1] * ray[1] + a[1][2] * ray[2])
-                + ray[2] * (a[2][0] * ray[0] + a[2][1] * ray[1] + a[2][2] * ray[2]);
+            let second = two(a[1][0], ray[0], a[1][1], ray[1]).plus_product(a[1][2], ray[2]);
+            let third = two(a[2][0], ray[0], a[2][1], ray[1]).plus_product(a[2][2], ray[2]);
             (
-                size * first + rest,
-                ray[0] * b[0] + ray[1] * b[1] + ray[2] * b[2],
+                two(ray[0], first, ray[1], second).plus_product(ray[2], third),
+                two(ray[0], b[0], ray[1], b[1]).plus_product(ray[2], b[2]),
             )
         } else {
             (first, b[0])
         };
         let factor = -push / resistance;
-        let rises = slope.at_least(V::splat(f64::MIN_POSITIVE));
         let mut follows = V::both(rises, factor.at_least(zero));
         for r in 0..3 {
             impulse[r] = factor * ray[r];
             follows = V::both(follows, impulse[r].finite());
         }
-        for holds in [
-            zero.at_least(slip),
-            last.at_least(half_turn),
-            half_turn.at_least(-last),
-        ] {
+        let least = last * slope;
+        for holds in [zero.at_least(slip), least.at_least(e), e.at_least(-least)] {
             follows = V::both(follows, holds);
         }
         if step == STEPS || wanted & V::bits(rises) & !V::bits(follows) == 0 {
             // The length is one but for rounding, which this keeps from adding up.
-            let unit = (V::splat(1.5) - V::splat(0.5) * square) / size;
+            let unit = (V::splat(1.5) - V::splat(0.5) * two(x, x, y, y)) / size;
             for k in 0..2 {
                 before[k]
                     .replaced(follows, unit * direction[k])
@@ -125,18 +118,28 @@ pub fn follow<V: Lanes, const R: usize, const CONVEX: bool>(
             }
             return (impulse, follows);
         }
-        let (least, most) = (V::splat(-FARTHEST), V::splat(FARTHEST));
-        let q = half_turn
-            .replaced(half_turn.at_least(most), most)
-            .replaced(least.at_least(half_turn), least);
-        let (size, keep, turn) = (one + q * q, one - q * q, q + q);
-        (x, y) = (
-            x.replaced(rises, (keep * x - turn * y) / size),
-            y.replaced(rises, (keep * y + turn * x) / size),
-        );
-        last = V::splat(0.5 * LAST_TURN);
+        let most = V::splat(FARTHEST) * slope;
+        let e = e.replaced(e.at_least(most), most);
+        let e = e.replaced((-most).at_least(e), -most);
+        let (size, direction) = turned_by(e, slope, x, y);
+        x = x.replaced(rises, direction[0] / size);
+        y = y.replaced(rises, direction[1] / size);
         step += 1;
     }
+}
+
+/// a b + c d
+#[inline(always)]
+fn two<V: Lanes>(a: V, b: V, c: V, d: V) -> V {
+    (a * b).plus_product(c, d)
+}
+
+/// (x, y) turned by the angle 2 atan e/s, times e² + s², and that.
+#[inline(always)]
+fn turned_by<V: Lanes>(e: V, s: V, x: V, y: V) -> (V, [V; 2]) {
+    let (square, keep) = (two(s, s, e, e), two(s, s, -e, e));
+    let turn = (e + e) * s;
+    (square, [two(keep, x, -turn, y), two(keep, y, turn, x)])
 }
 
 /// The same with one tangent: p = p_n (1, ±μ) slides against ±t where p_n ≥ 0 and ±u_t ≤ 0.
