@@ -31,7 +31,6 @@ struct Board {
     shares: Vec<Share>,
     /// Pieces of the present job.
     pieces: AtomicUsize,
-    done: AtomicUsize,
     job: UnsafeCell<Option<*const Job<'static>>>,
     /// There will be no more jobs.
     over: AtomicBool,
@@ -39,11 +38,15 @@ struct Board {
     broken: AtomicBool,
 }
 
-/// The number of pieces of a share in the high half, and of those that have been taken in the low half. Each on cache
-/// lines of its own.
+/// What a thread takes first, and what it has done: on cache lines of its own, which no other needs before it is idle.
 #[derive(Default)]
 #[repr(align(128))]
-struct Share(AtomicU64);
+struct Share {
+    /// The number of its pieces in the high half, and of those that have been taken in the low half.
+    pieces: AtomicU64,
+    /// Pieces of the present job that this thread has done, from whichever share. Nobody else counts them.
+    done: AtomicUsize,
+}
 
 // SAFETY: `job` is written only while no piece is left to take or in hand, and read only by who has taken one.
 unsafe impl Sync for Board {}
@@ -55,7 +58,6 @@ impl Team<'_, '_> {
             size,
             shares: (0..size).map(|_| Share::default()).collect(),
             pieces: AtomicUsize::new(0),
-            done: AtomicUsize::new(0),
             job: UnsafeCell::new(None),
             over: AtomicBool::new(false),
             broken: AtomicBool::new(false),
@@ -116,15 +118,18 @@ impl Team<'_, '_> {
         unsafe {
             *board.job.get() = Some(std::mem::transmute::<*const Job, *const Job<'static>>(job))
         };
-        board.done.store(0, Ordering::Relaxed);
         board.pieces.store(pieces, Ordering::Relaxed);
+        for share in &board.shares {
+            share.done.store(0, Ordering::Relaxed);
+        }
         for (thread, share) in board.shares.iter().enumerate() {
             let length = board.begin(thread + 1, pieces) - board.begin(thread, pieces);
-            share.0.store((length as u64) << 32, Ordering::Release);
+            let offered = (length as u64) << 32;
+            share.pieces.store(offered, Ordering::Release);
         }
         while board.take_piece(0) {}
         let mut waiting = Waiting::default();
-        while board.done.load(Ordering::Acquire) < pieces {
+        while board.done() < pieces {
             waiting.turn();
         }
         let broken = board.broken.swap(false, Ordering::Relaxed);
@@ -136,6 +141,12 @@ impl Board {
     /// The first piece of a thread's share.
     fn begin(&self, thread: usize, pieces: usize) -> usize {
         thread * pieces / self.size
+    }
+
+    /// Pieces of the present job that are done.
+    fn done(&self) -> usize {
+        let done = |share: &Share| share.done.load(Ordering::Acquire);
+        self.shares.iter().map(done).sum()
     }
 
     fn help(&self, thread: usize) {
@@ -151,11 +162,12 @@ impl Board {
 
     /// Do one piece, of this thread's share or else of the next one that has any left.
     fn take_piece(&self, thread: usize) -> bool {
-        (0..self.size).any(|turn| self.take_piece_of((thread + turn) % self.size))
+        (0..self.size).any(|turn| self.take_piece_of((thread + turn) % self.size, thread))
     }
 
-    fn take_piece_of(&self, thread: usize) -> bool {
-        let share = &self.shares[thread].0;
+    /// Let a thread do one piece of the share of `owner`.
+    fn take_piece_of(&self, owner: usize, thread: usize) -> bool {
+        let share = &self.shares[owner].pieces;
         if !left(share.load(Ordering::Relaxed)) {
             return false;
         }
@@ -165,7 +177,7 @@ impl Board {
             return false;
         }
         // The number of all pieces was set before those of the share, and stays until this piece is done.
-        let begin = self.begin(thread, self.pieces.load(Ordering::Relaxed));
+        let begin = self.begin(owner, self.pieces.load(Ordering::Relaxed));
         let number = begin + (before & u64::from(u32::MAX)) as usize;
         // SAFETY: the job was set before its pieces were offered, and is kept until this one is done.
         let job = unsafe { &*(*self.job.get()).expect("set before its pieces were offered") };
@@ -173,7 +185,8 @@ impl Board {
         if catch_unwind(AssertUnwindSafe(|| job(number))).is_err() {
             self.broken.store(true, Ordering::Relaxed);
         }
-        self.done.fetch_add(1, Ordering::Release);
+        let done = &self.shares[thread].done;
+        done.store(done.load(Ordering::Relaxed) + 1, Ordering::Release);
         true
     }
 }
