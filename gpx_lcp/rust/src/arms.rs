@@ -48,15 +48,18 @@ pub enum Masses<'a> {
 impl Masses<'_> {
     /// 1/m, and the upper triangle of I⁻¹ row by row.
     fn of(&self, body: usize) -> [f64; MASSES] {
-        let whole;
-        let block = match self {
+        match self {
             Masses::Roots(roots) => {
-                whole = roots[body].inverse_mass(6);
-                &whole[..]
+                let (mass, inertia) = roots[body].inverses();
+                let [x, y, z] = [0, 1, 2].map(|column| inertia.col(column));
+                [mass, x[0], y[0], z[0], y[1], z[1], z[2]]
             }
-            Masses::Inverse(blocks) => &blocks[36 * body..][..36],
-        };
-        [(0, 0), (3, 3), (3, 4), (3, 5), (4, 4), (4, 5), (5, 5)].map(|(r, c)| block[6 * r + c])
+            Masses::Inverse(blocks) => {
+                let block = &blocks[36 * body..][..36];
+                [(0, 0), (3, 3), (3, 4), (3, 5), (4, 4), (4, 5), (5, 5)]
+                    .map(|(r, c)| block[6 * r + c])
+            }
+        }
     }
 }
 

@@ -111,14 +111,20 @@ impl MassRoot {
         }
     }
 
-    /// M⁻¹ = L Lᵀ, world frame, as a block of columns × columns.
+    /// 1/m and I⁻¹, of which M⁻¹ = L Lᵀ consists, world frame.
+    pub fn inverses(&self) -> (f64, Matrix) {
+        let inertia = self.angular * self.angular.transpose();
+        (self.linear * self.linear, inertia)
+    }
+
+    /// M⁻¹ as a block of columns × columns, world frame.
     pub fn inverse_mass(&self, columns: usize) -> [f64; 36] {
         let mut block = [0.0; 36];
+        let (mass, inverse) = self.inverses();
         for axis in 0..3 {
-            block[axis * columns + axis] = self.linear * self.linear;
+            block[axis * columns + axis] = mass;
         }
         if columns == 6 {
-            let inverse = self.angular * self.angular.transpose();
             for row in 0..3 {
                 for column in 0..3 {
                     block[(3 + row) * 6 + 3 + column] = inverse.col(column)[row];
