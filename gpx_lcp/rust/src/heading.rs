@@ -16,7 +16,7 @@ use crate::small_matrix::tangent_length;
 /// Largest turn of the last step, rad, which leaves the square of it: of a heading that is followed, and of a first one,
 /// which is found to rounding.
 const LAST_TURN: f64 = 0.02;
-const LAST_OF_FIRST: f64 = 1e-6;
+const LAST_OF_FIRST: f64 = 1e-8;
 /// Steps, at most, before the exact solution is called for.
 const STEPS: usize = 6;
 /// No step goes further than to this q: its slope is that of where it begins.
