@@ -16,8 +16,8 @@ four in these scenes, which also share their frame and the masses and inertias o
   these (see `arms.rs`), for dp = -A_ii⁻¹ u and for the cone.
 * One that slides, by Coulomb's law, finds out that it does not stick, and reads the half of A_ii and the direction it
   slid in last, which it writes back. b = u - A_ii p, one Newton step on the direction (`heading.rs`) and the ray it
-  leads to: two divisions, for neither can wait for the other, and no root. Without friction on a cone (the box) what
-  slides is counted as what sticks.
+  leads to: two divisions, one of them for the new direction alone, and no root. Without friction on a cone (the box)
+  what slides is counted as what sticks.
 
 None waits for another in this count, so that the bound is one from below.
 """
@@ -57,7 +57,7 @@ TIME_LIMIT, QUICK_TIME_LIMIT = 30.0, 5.0
 NUMBER: Final = 8
 LINE: Final = 64
 # Multiplications and additions of one Newton step on the direction of a slide, by Coulomb's law, without its checks.
-SLIDE_OPERATIONS: Final = 73
+SLIDE_OPERATIONS: Final = 75
 SHARED: Final = 4
 # Of one contact and sweep; see above.
 STATE_BYTES: Final = 2 * 2 * LINE / SHARED

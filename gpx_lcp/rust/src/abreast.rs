@@ -1,8 +1,9 @@
 //! Sweeps over contacts eight abreast, colour after colour.
 //!
 //! The states w = Ĵᵀ p of the bodies of eight groups (see `factored`; of rigid bodies, their velocities: see `arms`) are
-//! read and written once for the whole groups. Threads share the batches of a colour, and are waited for before the next
-//! colour begins. Who visits a batch changes nothing in it, so the bits do not depend on the number of threads.
+//! read and written once for the whole groups. Where registers hold four lanes the halves of a batch take turns. Threads
+//! share the batches of a colour, and are waited for before the next colour begins. Who visits a batch changes nothing in
+//! it, so the bits do not depend on the number of threads.
 
 use std::marker::PhantomData;
 use std::mem::MaybeUninit;

@@ -187,7 +187,9 @@ mod tests {
     use crate::friction_cone::{ConvexCone, Coulomb};
     use crate::small_matrix::Vector;
 
-    /// How far from the exact slide a slide is found, at most, that follows one with a velocity `shift` m/s away, or the
+    use super::LAST_TURN;
+
+    /// How far from the exact slide a slide is found, at most, that follows one with a b_t `shift` m/s away, or the
     /// first one.
     fn worst_error<L: Law<3>>(law: &L, shift: Option<f64>) -> f64 {
         let mut random = Uniform(8);
@@ -205,7 +207,7 @@ mod tests {
                 let found = law.slide(&contact, &mut L::Local::default(), &b).unwrap();
                 let length = found[1].hypot(found[2]);
                 contact.heading = [found[1] / length, found[2] / length];
-                for value in &mut b {
+                for value in &mut b[1..] {
                     *value += shift * random.draw();
                 }
             }
@@ -231,6 +233,16 @@ mod tests {
             ] {
                 assert!(worst < 1e-11 + 10.0 * shift * shift, "{worst} at {shift}");
             }
+        }
+    }
+
+    #[test]
+    fn what_turns_far_is_found_as_well_as_what_turns_little() {
+        for worst in [
+            worst_error(&Coulomb, Some(2.0)),
+            worst_error(&ConvexCone, Some(2.0)),
+        ] {
+            assert!(worst < 10.0 * LAST_TURN.powi(2), "{worst}");
         }
     }
 
