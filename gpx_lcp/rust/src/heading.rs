@@ -104,8 +104,8 @@ pub fn follow<V: Lanes, const R: usize, const CONVEX: bool>(
             impulse[r] = factor * ray[r];
             follows = V::both(follows, impulse[r].finite());
         }
-        let least = last * slope;
-        for holds in [zero.at_least(slip), least.at_least(e), e.at_least(-least)] {
+        let bound = last * slope;
+        for holds in [zero.at_least(slip), bound.at_least(e), e.at_least(-bound)] {
             follows = V::both(follows, holds);
         }
         if step == STEPS || wanted & V::bits(rises) & !V::bits(follows) == 0 {
