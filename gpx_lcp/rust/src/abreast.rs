@@ -183,6 +183,14 @@ enum Task {
     Carry { beta: f64 },
 }
 
+/// What lanes carry from visit to visit of a batch.
+struct Carried<V, const D: usize> {
+    /// Of the two bodies of each lane.
+    states: [[V; D]; 2],
+    /// d (p' - y)·(p' - p) so far; with momentum only.
+    agreement: V,
+}
+
 /// What the threads of a team write to: each its own visits, and in one colour its own bodies.
 struct Work<'a, const R: usize, const D: usize, L: Law<R>, S: Rows<R, D>> {
     law: &'a L,
@@ -376,17 +384,11 @@ impl<const R: usize, const D: usize, L: Law<R>, S: Rows<R, D>> Work<'_, R, D, L,
 
     #[inline(always)]
     fn visit<V: OctLanes>(&self, number: usize, relaxation: f64, momentum: Option<f64>) {
-        let batch = &self.batches[number];
-        let mut states = self.load::<V>(self.states, batch);
-        let mut agreement = V::splat(0.0);
-        for at in batch.visits.clone() {
-            self.visit_one(at, relaxation, momentum, &mut states, &mut agreement);
+        let mut all = self.begin::<V>(number);
+        for at in self.batches[number].visits.clone() {
+            self.visit_one(at, relaxation, momentum, &mut all);
         }
-        self.store(self.states, batch, &states);
-        if momentum.is_some() {
-            // SAFETY: the number of this batch is this thread's.
-            agreement.store(unsafe { &mut *self.numbers.add(number) });
-        }
+        self.end(number, momentum, &all);
     }
 
     /// The same for two parts of the lanes, in turns: while one waits for its own results the other goes on.
@@ -397,21 +399,30 @@ impl<const R: usize, const D: usize, L: Law<R>, S: Rows<R, D>> Work<'_, R, D, L,
         relaxation: f64,
         momentum: Option<f64>,
     ) {
-        let batch = &self.batches[number];
-        let mut one = self.load::<V>(self.states, batch);
-        let mut other = self.load::<W>(self.states, batch);
-        let (mut agrees, mut agrees_too) = (V::splat(0.0), W::splat(0.0));
-        for at in batch.visits.clone() {
-            self.visit_one(at, relaxation, momentum, &mut one, &mut agrees);
-            self.visit_one(at, relaxation, momentum, &mut other, &mut agrees_too);
+        let (mut one, mut other) = (self.begin::<V>(number), self.begin::<W>(number));
+        for at in self.batches[number].visits.clone() {
+            self.visit_one(at, relaxation, momentum, &mut one);
+            self.visit_one(at, relaxation, momentum, &mut other);
         }
-        self.store(self.states, batch, &one);
-        self.store(self.states, batch, &other);
+        self.end(number, momentum, &one);
+        self.end(number, momentum, &other);
+    }
+
+    #[inline(always)]
+    fn begin<V: OctLanes>(&self, number: usize) -> Carried<V, D> {
+        Carried {
+            states: self.load(self.states, &self.batches[number]),
+            agreement: V::splat(0.0),
+        }
+    }
+
+    #[inline(always)]
+    fn end<V: OctLanes>(&self, number: usize, momentum: Option<f64>, carried: &Carried<V, D>) {
+        self.store(self.states, &self.batches[number], &carried.states);
         if momentum.is_some() {
             // SAFETY: the number of this batch is this thread's.
-            let numbers = unsafe { &mut *self.numbers.add(number) };
-            agrees.store(numbers);
-            agrees_too.store(numbers);
+            let agreement = unsafe { &mut *self.numbers.add(number) };
+            carried.agreement.store(agreement);
         }
     }
 
@@ -421,9 +432,9 @@ impl<const R: usize, const D: usize, L: Law<R>, S: Rows<R, D>> Work<'_, R, D, L,
         at: usize,
         relaxation: f64,
         momentum: Option<f64>,
-        states: &mut [[V; D]; 2],
-        agreement: &mut V,
+        carried: &mut Carried<V, D>,
     ) {
+        let Carried { states, agreement } = carried;
         // SAFETY: visits, locals and `before` of this batch are this thread's.
         let visit = unsafe { &mut *self.visits.add(at) };
         let locals = unsafe { std::slice::from_raw_parts_mut(self.locals.add(LANES * at), LANES) };

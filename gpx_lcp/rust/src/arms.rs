@@ -50,8 +50,9 @@ impl Masses<'_> {
     fn of(&self, body: usize) -> [f64; MASSES] {
         match self {
             Masses::Roots(roots) => {
-                let (mass, inertia) = roots[body].inverses();
+                let inertia = roots[body].of_rotation();
                 let [x, y, z] = [0, 1, 2].map(|column| inertia.col(column));
+                let mass = roots[body].of_translation();
                 [mass, x[0], y[0], z[0], y[1], z[1], z[2]]
             }
             Masses::Inverse(blocks) => {

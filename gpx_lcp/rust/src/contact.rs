@@ -340,11 +340,10 @@ pub trait Law<const R: usize>: Sync {
         b: &Vector<R>,
     ) -> Option<Vector<R>>;
 
-    /// What `slide` finds, if it is near what it found last for this contact, and whether that is certain; of lanes that are
-    /// not wanted, bit by bit, nothing is asked.
+    /// What `slide` finds, or comes near, on the way from what was found last for this contact; and where that is certain.
+    /// Of lanes that are not wanted, bit by bit, nothing is asked.
     ///
-    /// One step towards it is enough, as a rule: from sweep to sweep it moves ever less, and this step leaves the square of
-    /// that.
+    /// As a rule one step is enough: from sweep to sweep a slide moves ever less, and this step leaves the square of that.
     fn slide_on<V: Lanes>(
         &self,
         contact: &mut Contact<V::Memory, R>,

@@ -61,9 +61,6 @@ pub trait Delassus<const R: usize>: Sync {
         self.len() == 0
     }
 
-    /// A_ii, as given.
-    fn diagonal_block(&self, i: usize) -> Matrix<R>;
-
     /// Lay the contacts out for sweeps that start from the impulses `start`; the team takes part.
     fn sweeper<'a, L: Law<R>>(
         &'a self,
@@ -72,11 +69,6 @@ pub trait Delassus<const R: usize>: Sync {
         start: &[Vector<R>],
         team: &Team,
     ) -> impl Sweeper<R> + 'a;
-}
-
-/// Whether an impulse moves a contact of this block A_ii at all; the impulse of one that is not moved is zero.
-pub fn is_movable<const R: usize>(block: &Matrix<R>) -> bool {
-    (0..R).any(|r| block[r][r] > 0.0)
 }
 
 /// A movable contact i of this block A_ii with its start impulse, brought to the law.

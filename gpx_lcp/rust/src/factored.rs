@@ -76,11 +76,12 @@ impl<'a, const R: usize, const D: usize, S: Source<R, D>> Factored<'a, R, D, S> 
         })
     }
 
-    /// Add the blocks of contact i; a body named twice adds both of its blocks.
-    fn add_sides(&self, i: usize, sides: &mut Sides<R, D>) {
+    /// Add N rows of the blocks of contact i, from the first one on; a body named twice adds those of both.
+    fn add_rows<const N: usize>(&self, i: usize, first: usize, sides: &mut Sides<N, D>) {
         for (body, values) in self.whitened.row(i) {
-            let side = self.side(i, body);
-            for (sum, values) in sides[side].iter_mut().zip(values.as_chunks::<D>().0) {
+            let side = usize::from(self.pairs[i][0] as usize != body);
+            let rows = &values.as_chunks::<D>().0[first..first + N];
+            for (sum, values) in sides[side].iter_mut().zip(rows) {
                 for (sum, value) in sum.iter_mut().zip(values) {
                     *sum += value;
                 }
@@ -88,22 +89,13 @@ impl<'a, const R: usize, const D: usize, S: Source<R, D>> Factored<'a, R, D, S> 
         }
     }
 
-    fn side(&self, i: usize, body: usize) -> usize {
-        usize::from(self.pairs[i][0] as usize != body)
-    }
-
     /// Whether an impulse moves contact i at all: whether a diagonal entry of A_ii is not zero. Nearly always the first
     /// tells, and no other is worked out.
     fn can_move(&self, i: usize) -> bool {
         (0..R).any(|r| {
-            let mut sums = [[0.0; D]; 2];
-            for (body, values) in self.whitened.row(i) {
-                let sum = &mut sums[self.side(i, body)];
-                for (sum, value) in sum.iter_mut().zip(&values[D * r..D * (r + 1)]) {
-                    *sum += value;
-                }
-            }
-            sums.iter().any(|row| dot(row, row) > 0.0)
+            let mut row = [[[0.0; D]]; 2];
+            self.add_rows(i, r, &mut row);
+            block(&row)[0][0] > 0.0
         })
     }
 }
@@ -111,12 +103,6 @@ impl<'a, const R: usize, const D: usize, S: Source<R, D>> Factored<'a, R, D, S> 
 impl<const R: usize, const D: usize, S: Source<R, D>> Delassus<R> for Factored<'_, R, D, S> {
     fn len(&self) -> usize {
         self.pairs.len()
-    }
-
-    fn diagonal_block(&self, i: usize) -> Matrix<R> {
-        let mut sides = [[[0.0; D]; R]; 2];
-        self.add_sides(i, &mut sides);
-        block(&sides)
     }
 
     fn sweeper<'a, L: Law<R>>(
@@ -222,7 +208,7 @@ fn lay_out<const R: usize, const D: usize, L: Law<R>, S: Source<R, D>>(
             let i = number as usize;
             visit.numbers[lane] = number;
             visit.bodies[lane] = factored.pairs[i];
-            factored.add_sides(i, &mut visit.sides[lane]);
+            factored.add_rows(i, 0, &mut visit.sides[lane]);
             let block = block(&visit.sides[lane]);
             let contact = delassus::contact(i, &block, law, problem, &start[i]);
             contacts.set(lane, &contact);

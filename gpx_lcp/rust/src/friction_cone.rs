@@ -59,6 +59,7 @@ impl<const R: usize> SlidingBasis<R> {
 }
 
 impl<const R: usize> Law<R> for Coulomb {
+    /// In a box: few contacts ever need theirs.
     type Local = Option<Box<SlidingBasis<R>>>;
 
     #[inline(always)]
@@ -207,6 +208,7 @@ impl<const R: usize> ConeBasis<R> {
 }
 
 impl<const R: usize> Law<R> for ConvexCone {
+    /// In a box: few contacts ever need theirs.
     type Local = Option<Box<ConeBasis<R>>>;
 
     #[inline(always)]

@@ -189,9 +189,9 @@ mod tests {
 
     use super::LAST_TURN;
 
-    /// How far from the exact slide a slide is found, at most, that follows one with a b_t `shift` m/s away, or the
-    /// first one.
-    fn worst_error<L: Law<3>>(law: &L, shift: Option<f64>) -> f64 {
+    /// How far from the exact slide a slide is found, at most, that follows one of which b was `shift` m/s away, and b_t
+    /// `turn` rad; or the first one.
+    fn worst_error<L: Law<3>>(law: &L, moved: Option<(f64, f64)>) -> f64 {
         let mut random = Uniform(8);
         let mut worst = 0.0f64;
         let mut followed = 0;
@@ -203,13 +203,15 @@ mod tests {
             // Fast enough to slide.
             b[0] = -0.1 - b[0].abs();
             b[1] += 3.0f64.copysign(b[1]);
-            if let Some(shift) = shift {
+            if let Some((shift, turn)) = moved {
                 let found = law.slide(&contact, &mut L::Local::default(), &b).unwrap();
                 let length = found[1].hypot(found[2]);
                 contact.heading = [found[1] / length, found[2] / length];
-                for value in &mut b[1..] {
+                for value in &mut b {
                     *value += shift * random.draw();
                 }
+                let (sin, cos) = turn.sin_cos();
+                (b[1], b[2]) = (cos * b[1] - sin * b[2], sin * b[1] + cos * b[2]);
             }
             let exact = law.slide(&contact, &mut L::Local::default(), &b).unwrap();
             let (found, follows) = law.slide_on::<f64>(&mut contact, &[], &b, 1);
@@ -228,8 +230,8 @@ mod tests {
     fn one_step_leaves_the_square_of_the_distance() {
         for shift in [0.0, 1e-6, 1e-3] {
             for worst in [
-                worst_error(&Coulomb, Some(shift)),
-                worst_error(&ConvexCone, Some(shift)),
+                worst_error(&Coulomb, Some((shift, 0.0))),
+                worst_error(&ConvexCone, Some((shift, 0.0))),
             ] {
                 assert!(worst < 1e-11 + 10.0 * shift * shift, "{worst} at {shift}");
             }
@@ -238,11 +240,13 @@ mod tests {
 
     #[test]
     fn what_turns_far_is_found_as_well_as_what_turns_little() {
-        for worst in [
-            worst_error(&Coulomb, Some(2.0)),
-            worst_error(&ConvexCone, Some(2.0)),
-        ] {
-            assert!(worst < 10.0 * LAST_TURN.powi(2), "{worst}");
+        for turn in [0.1, -0.5, 1.0] {
+            for worst in [
+                worst_error(&Coulomb, Some((0.0, turn))),
+                worst_error(&ConvexCone, Some((0.0, turn))),
+            ] {
+                assert!(worst < 10.0 * LAST_TURN.powi(2), "{worst} at {turn}");
+            }
         }
     }
 

@@ -111,20 +111,24 @@ impl MassRoot {
         }
     }
 
-    /// 1/m and I⁻¹, of which M⁻¹ = L Lᵀ consists, world frame.
-    pub fn inverses(&self) -> (f64, Matrix) {
-        let inertia = self.angular * self.angular.transpose();
-        (self.linear * self.linear, inertia)
+    /// The part 1/m of M⁻¹ = L Lᵀ.
+    pub fn of_translation(&self) -> f64 {
+        self.linear * self.linear
+    }
+
+    /// The part I⁻¹, world frame.
+    pub fn of_rotation(&self) -> Matrix {
+        self.angular * self.angular.transpose()
     }
 
     /// M⁻¹ as a block of columns × columns, world frame.
     pub fn inverse_mass(&self, columns: usize) -> [f64; 36] {
         let mut block = [0.0; 36];
-        let (mass, inverse) = self.inverses();
         for axis in 0..3 {
-            block[axis * columns + axis] = mass;
+            block[axis * columns + axis] = self.of_translation();
         }
         if columns == 6 {
+            let inverse = self.of_rotation();
             for row in 0..3 {
                 for column in 0..3 {
                     block[(3 + row) * 6 + 3 + column] = inverse.col(column)[row];

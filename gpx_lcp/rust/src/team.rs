@@ -119,6 +119,7 @@ impl Team<'_, '_> {
             *board.job.get() = Some(std::mem::transmute::<*const Job, *const Job<'static>>(job))
         };
         board.pieces.store(pieces, Ordering::Relaxed);
+        // Before any piece is offered: whoever takes one may have done it at once.
         for share in &board.shares {
             share.done.store(0, Ordering::Relaxed);
         }
