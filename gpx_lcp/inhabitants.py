@@ -11,6 +11,7 @@ from gpx_lcp import _core
 from gpx_lcp.errors import ProblemError
 from gpx_lcp.materials import COMBINE_RULES
 from gpx_lcp.scene import Body
+from gpx_lcp.shapes import Sphere
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class Inhabitants:
     rows : int
         Of each contact: 1 where no material has friction, or 3.
     columns : int
-        Velocities of each body: 3 where none of them rotates, or 6.
+        Velocities of each body: 3 where no contact turns any of them, or 6.
     """
 
     bodies: tuple[Body, ...]
@@ -38,12 +39,13 @@ class Inhabitants:
     @classmethod
     def of(cls, bodies: tuple[Body, ...], fixed: tuple[Body, ...]) -> Inhabitants:
         """Return these bodies with what follows from them."""
+        rows = 3 if any(body.material.friction for body in bodies + fixed) else 1
         return cls(
             bodies,
             fixed,
             core=_core_bodies(bodies, fixed),
-            rows=3 if any(body.material.friction for body in bodies + fixed) else 1,
-            columns=6 if any(body.inertia.any() for body in bodies) else 3,
+            rows=rows,
+            columns=6 if any(_is_turned(body, rows > 1) for body in bodies) else 3,
         )
 
     def with_body(self, body: Body) -> tuple[Inhabitants, Body]:
@@ -110,6 +112,12 @@ def table(bodies: tuple[Body, ...], *names: str, width: int = 3) -> Array:
     """Return the vectors of these names side by side, one body a row."""
     rows = [np.concatenate([getattr(body, name) for name in names]) for body in bodies]
     return np.array(rows, dtype=np.float64).reshape(len(bodies), width * len(names))
+
+
+def _is_turned(body: Body, friction: bool) -> bool:
+    """Return whether contacts can turn a body: none turns a point mass, and none without friction a ball."""
+    centred = body.shape is None or isinstance(body.shape, Sphere)
+    return bool(body.inertia.any()) and (friction or not centred)
 
 
 def _core_bodies(moving: tuple[Body, ...], fixed: tuple[Body, ...]) -> _core.Bodies:

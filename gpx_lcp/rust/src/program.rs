@@ -148,6 +148,10 @@ impl Program {
         let (mut size, mut moved): (Option<f64>, f64) = (None, 0.0);
         for k in 0..friction.len() {
             let p = &impulse[rows * k..rows * (k + 1)];
+            if rows == 1 && p[0] >= 0.0 {
+                // On the half-line that all programs have in common.
+                continue;
+            }
             let mut given = [0.0; 3];
             given[..rows].copy_from_slice(p);
             let inside = match self {

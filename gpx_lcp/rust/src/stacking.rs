@@ -47,7 +47,8 @@ pub struct Stack {
     pub roots: Vec<MassRoot>,
 }
 
-/// L with M⁻¹ = L Lᵀ of one body: 1/√m, and R L_I with L_I L_Iᵀ the inverse inertia in the body's frame.
+/// L with M⁻¹ = L Lᵀ of one body: 1/√m, and R L_I with L_I L_Iᵀ the inverse inertia in the body's frame; zero in a system
+/// that turns no body.
 #[derive(Clone, Copy)]
 pub struct MassRoot {
     linear: f64,
@@ -156,7 +157,11 @@ pub fn stack(
     let moving = motion.poses.iter().enumerate();
     result.roots.extend(moving.map(|(body, pose)| MassRoot {
         linear: 1.0 / bodies.masses[body].sqrt(),
-        angular: Matrix::from_quat(pose.rotation) * bodies.inverse_inertia_roots[body],
+        angular: if columns == 6 {
+            Matrix::from_quat(pose.rotation) * bodies.inverse_inertia_roots[body]
+        } else {
+            Matrix::ZERO
+        },
     }));
     let BlockMatrix {
         starts,
