@@ -572,6 +572,25 @@ def test_worlds_move_the_same(name, solver):
     assert worlds[0].solution.presolve is None
 
 
+def test_balls_without_friction_are_not_turned():
+    """Three velocities a ball, whatever it spins about; a ball that is no ball to the law of inertia, too."""
+    scene = gpx.Scene()
+    smooth = gpx.Material(0.0)
+    scene.add_static(gpx.Box(4, 4, 1), position=(0, 0, -0.5), material=smooth)
+    scene.add_static(gpx.HalfSpace((-0.6, 0.0, 0.8)), position=(1.0, 0.0, 0.0), material=smooth)
+    for k, inertia in enumerate([None, (0.1, 0.12, 0.2)]):
+        options = dict(velocity=(1.0, 0.2, -1.0), angular_velocity=(1.0, 2.0, 3.0), inertia=inertia)
+        scene.add_rigid(gpx.Sphere(0.4), 1.0, position=(0.3 * k, 0.1, 0.5 + 0.9 * k), material=smooth, **options)
+    small, plain = (gpx.World(scene, 1 / 240, presolve=presolve) for presolve in (True, False))
+    for _ in range(120):
+        small.step()
+        plain.step()
+        np.testing.assert_allclose(small.velocities, plain.velocities, atol=1e-10)
+        np.testing.assert_allclose(small.orientations, plain.orientations, atol=1e-10)
+    assert small.contacts.impulse.any()
+    assert small.system().jacobian.shape[1] == 6 and plain.system().jacobian.shape[1] == 12
+
+
 def tower_that_sways(height):
     """A tower whose cubes all move in the plane x-z."""
     scene = gpx.Scene()
@@ -609,6 +628,38 @@ def test_what_stands_in_a_plane_stays_in_it_under_a_changing_load(scene, solver,
         planar += report is not None and report.reductions[0].name == "planar"
     assert planar > 500
     assert np.abs(world.velocities[:, [1, 3, 5]]).max() < 1e-25
+
+
+def two_columns():
+    """A tower of cubes beside a column of balls: every contact has a constant row, to the last bit."""
+    scene = gpx.Scene()
+    scene.add_static(gpx.HalfSpace())
+    for level in range(4):
+        scene.add_rigid(gpx.Box(1, 1, 1), 1.0, position=(0.0, 0.0, 0.5 + level))
+        scene.add_point_mass(1.0, position=(3.0, 0.0, 0.5 + level), shape=gpx.Sphere(0.5))
+    return scene
+
+
+@pytest.mark.parametrize("solver", ["newton", "pgs"])
+@pytest.mark.parametrize(
+    "scene", [gpx.scenes.column(12), gpx.scenes.tower(6), two_columns()], ids=["balls", "cubes", "both"]
+)
+def test_what_is_remembered_of_a_structure_changes_no_bit(scene, solver):
+    """Loads that swing, push aside, lift and come back: as by stages, which remember nothing."""
+    native, staged = (gpx.World(scene, 1 / 240, solver=solver, tolerance=1e-8) for _ in range(2))
+    staged._native = None
+    closed = 0
+    for step in range(60):
+        lean, lift = (2.0 if 20 <= step < 24 else 0.0), (15.0 if 40 <= step < 43 else 0.0)
+        for world in (native, staged):
+            world.gravity = (lean, 0.0, lift - 9.81 * (1.0 + 0.5 * np.sin(0.3 * step)))
+            world.step()
+        assert np.array_equal(native.velocities, staged.velocities), step
+        assert np.array_equal(native.contacts.impulse, staged.contacts.impulse), step
+        one, other = native.solution.presolve, staged.solution.presolve
+        assert str(one) == str(other), step
+        closed += one is not None and one.after.contacts == 0
+    assert closed > 15
 
 
 def test_a_step_tells_what_presolve_did():

@@ -8,7 +8,7 @@ use crate::arms::{Masses, Rigid};
 use crate::exact::{self, BlockMatrix, Limits, Operator};
 use crate::gauss_seidel::{Settings, Stop};
 use crate::pooling::{are_mostly_done, swept};
-use crate::presolve::{self, Form, Found, FreeMotion, Part, Reduced, Resting};
+use crate::presolve::{self, Form, Found, FreeMotion, Part, Reduced, Remembered, Resting};
 use crate::program::Program;
 use crate::stacking::Stack;
 use crate::sweeping::{Look, sweep};
@@ -339,10 +339,13 @@ impl Stacked for Stack {
 }
 
 /// Solve the system from the impulses `start`; None where the caller interrupts it.
+///
+/// What presolve remembers saves time, and changes no result.
 pub fn solve(
     asked: &impl Stacked,
     effort: &Effort,
     start: Option<&[f64]>,
+    remembered: &mut Remembered,
     interrupted: Interrupted,
 ) -> Option<Answer> {
     let system = asked.system();
@@ -385,7 +388,7 @@ pub fn solve(
             // Impulses that do nothing but hold each other are not kept.
             (left < system.left_without(&effort.program, island)).then_some(left)
         };
-        let answer = match presolve::reduce(&view, effort.threads, &rests) {
+        let answer = match presolve::reduce(&view, effort.threads, &rests, remembered) {
             Found::Nothing => None,
             Found::Islands(islands) => {
                 Some(by_islands(system, &view, &islands, effort, &limits, start)?)

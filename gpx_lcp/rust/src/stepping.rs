@@ -8,6 +8,7 @@ use crate::collision::{Contact, Memory, Start, detect};
 use crate::correction::position_shift;
 use crate::integration::{advance, free_velocities};
 use crate::mean_motion::mean_motion;
+use crate::presolve::Remembered;
 use crate::solving::{Answer, Effort, Interrupted, solve};
 use crate::stacking::{Motion, Stack, stack};
 use crate::team::Team;
@@ -40,6 +41,7 @@ pub struct Workspace {
     pub touching: Arc<Touching>,
     pub solved: Solved,
     detection: Memory,
+    remembered: Remembered,
     /// Whose pairs detection keeps.
     bodies: Weak<Bodies>,
     free: Vec<Twist>,
@@ -114,6 +116,7 @@ pub fn step(
         touching,
         solved,
         detection,
+        remembered,
         free,
         matched,
         start,
@@ -147,7 +150,8 @@ pub fn step(
     }
     solved.start_moved = before.map(|_| effort.program.admit(&system.friction, start, rows));
     let start = before.map(|_| start.as_slice());
-    solved.answer = solve(system, effort, start, interrupted).ok_or(Failure::Interrupted)?;
+    solved.answer =
+        solve(system, effort, start, remembered, interrupted).ok_or(Failure::Interrupted)?;
     let Answer {
         impulse, states, ..
     } = &solved.answer;

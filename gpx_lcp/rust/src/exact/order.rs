@@ -73,6 +73,15 @@ impl<'a> Contacts<'a> {
         })
     }
 
+    /// Whether the order of two contacts is the same whatever B and μ are.
+    pub fn are_told_apart_by_blocks(&self, one: u32, other: u32) -> bool {
+        let described = &self.described;
+        let [ones, others] = [one, other].map(|contact| self.grids(contact)[0]);
+        let blocks = [described.blocks(one), described.blocks(other)];
+        described.bodies(one) != described.bodies(other)
+            || in_rough_order(blocks, [ones, others]).is_ne()
+    }
+
     /// The contacts in order; None where they are already.
     pub fn sorted(&self) -> Option<Vec<u32>> {
         let mut order: Vec<u32> = (0..self.grids.len() as u32).collect();

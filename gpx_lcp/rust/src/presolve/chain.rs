@@ -24,51 +24,60 @@
 use super::Form;
 use super::lift::Part;
 
-/// The impulses of a part that is a chain; None where it is none, or where bodies are crushed between two that cannot move.
-pub fn solve(part: &Part) -> Option<Vec<f64>> {
-    if part.form != Form::Velocity || part.rows != 1 || part.matrix.width != 1 {
-        return None;
-    }
-    let links = ordered(part)?;
-    let (mut shift, mut sum) = (Vec::with_capacity(links.len() + 1), 0.0);
-    shift.push(0.0);
-    for link in &links {
-        sum += link.scale * part.b[link.contact];
-        shift.push(-sum);
-    }
-    let first = links[0].mass_before;
-    let masses: Vec<f64> = std::iter::once(first)
-        .chain(links.iter().map(|link| link.mass_after))
-        .collect();
-    let pools = pooled(&masses, &shift)?;
-    let mut impulse = vec![0.0; part.b.len()];
-    for pool in &pools {
-        let bodies = pool.begin..pool.end;
-        // From the end that is free, inwards: the impulse on a body of infinite mass is what is left.
-        if masses[pool.begin].is_finite() {
-            let mut push = 0.0;
-            for body in bodies.start..bodies.end - 1 {
-                push -= masses[body] * (pool.value - shift[body]);
-                links[body].set(&mut impulse, push);
-            }
-        } else {
-            let mut push = 0.0;
-            for body in (bodies.start + 1..bodies.end).rev() {
-                push += masses[body] * (pool.value - shift[body]);
-                links[body - 1].set(&mut impulse, push);
-            }
-        }
-    }
-    Some(impulse)
+/// The contacts of a part from one end of a chain to the other, which depend on its matrix alone.
+pub struct Chain {
+    links: Vec<Link>,
+    /// Of the bodies along the chain.
+    masses: Vec<f64>,
 }
 
-/// A contact of the chain and the body behind it.
+impl Chain {
+    /// None where the part is no chain.
+    pub fn of(part: &Part) -> Option<Self> {
+        if part.form != Form::Velocity || part.rows != 1 || part.matrix.width != 1 {
+            return None;
+        }
+        let (links, masses) = ordered(part)?;
+        Some(Self { links, masses })
+    }
+
+    /// The impulses, where the contacts are to cancel b; None where bodies are crushed between two that cannot move.
+    pub fn solve(&self, b: &[f64]) -> Option<Vec<f64>> {
+        let Self { links, masses } = self;
+        let (mut shift, mut sum) = (Vec::with_capacity(masses.len()), 0.0);
+        shift.push(0.0);
+        for link in links {
+            sum += link.scale * b[link.contact];
+            shift.push(-sum);
+        }
+        let pools = pooled(masses, &shift)?;
+        let mut impulse = vec![0.0; b.len()];
+        for pool in &pools {
+            let bodies = pool.begin..pool.end;
+            // From the end that is free, inwards: the impulse on a body of infinite mass is what is left.
+            if masses[pool.begin].is_finite() {
+                let mut push = 0.0;
+                for body in bodies.start..bodies.end - 1 {
+                    push -= masses[body] * (pool.value - shift[body]);
+                    links[body].set(&mut impulse, push);
+                }
+            } else {
+                let mut push = 0.0;
+                for body in (bodies.start + 1..bodies.end).rev() {
+                    push += masses[body] * (pool.value - shift[body]);
+                    links[body - 1].set(&mut impulse, push);
+                }
+            }
+        }
+        Some(impulse)
+    }
+}
+
+/// A contact of the chain.
 struct Link {
     contact: usize,
     /// Of the row of this contact.
     scale: f64,
-    mass_before: f64,
-    mass_after: f64,
 }
 
 impl Link {
@@ -79,8 +88,9 @@ impl Link {
 
 const NONE: usize = usize::MAX;
 
-/// The contacts from one end of the chain to the other; None where they form anything else.
-fn ordered(part: &Part) -> Option<Vec<Link>> {
+/// The contacts from one end of the chain to the other, and the masses before and behind them; None where they form
+/// anything else.
+fn ordered(part: &Part) -> Option<(Vec<Link>, Vec<f64>)> {
     let matrix = &part.matrix;
     let mut contacts_of = vec![[NONE; 2]; matrix.block_columns];
     // The places of the one or two entries of each contact that are not zero.
@@ -111,6 +121,7 @@ fn ordered(part: &Part) -> Option<Vec<Link>> {
         }
     };
     let mut links = Vec::with_capacity(ends_of.len());
+    let mut masses = Vec::with_capacity(ends_of.len() + 1);
     let mut scale = 1.0;
     loop {
         let [one, other] = ends_of[contact];
@@ -122,12 +133,11 @@ fn ordered(part: &Part) -> Option<Vec<Link>> {
             let entry = scale * matrix.values[place];
             1.0 / (entry * entry)
         };
-        links.push(Link {
-            contact,
-            scale,
-            mass_before: mass(before),
-            mass_after: mass(after),
-        });
+        if masses.is_empty() {
+            masses.push(mass(before));
+        }
+        masses.push(mass(after));
+        links.push(Link { contact, scale });
         if after == NONE {
             break;
         }
@@ -152,7 +162,7 @@ fn ordered(part: &Part) -> Option<Vec<Link>> {
         contact = next;
         before = entry;
     }
-    (links.len() == ends_of.len()).then_some(links)
+    (links.len() == ends_of.len()).then_some((links, masses))
 }
 
 /// Puts a number in the first place that is free, if one is.

@@ -245,8 +245,12 @@ impl Part {
 
     /// Σ_i w_i C_iᵀ B_i, and condition (c).
     #[inline(always)]
-    fn gather_targets<const R: usize, const D: usize>(&mut self, view: Shaped<R, D>) -> Option<()> {
+    pub fn gather_targets<const R: usize, const D: usize>(
+        &mut self,
+        view: Shaped<R, D>,
+    ) -> Option<()> {
         let rows = self.rows;
+        self.b.fill(0.0);
         for (&contact, share) in self.contacts.iter().zip(&self.shares) {
             let seen = share.seen(rows, view.target(contact).iter().copied());
             let sum = &mut self.b[share.group as usize * rows..][..rows];

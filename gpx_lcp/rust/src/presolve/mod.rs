@@ -34,7 +34,7 @@
 //! that no solution pushes shut and `redundant` those that others keep open, each by a theorem of its own. `collinear`,
 //! `planar`, `translational` and `spatial` each propose groups, frames and subspaces for an island, the smallest first, and
 //! `lift` puts the proposal to (a), (b) and (c), whoever made it: what fails by more than rounding is not reduced. `single`
-//! and `chain` need no iteration at all. Of a system given by A, islands, inactive contacts, rows without friction and
+//! and `chain` need no iteration at all, and `remembered` keeps what they were found by for the next step. Of a system given by A, islands, inactive contacts, rows without friction and
 //! single contacts are read from its blocks.
 
 mod chain;
@@ -47,6 +47,7 @@ mod local_bodies;
 mod parts;
 mod planar;
 mod redundant;
+mod remembered;
 mod resting;
 mod single;
 mod spatial;
@@ -56,6 +57,7 @@ pub use inactive::any_apart;
 pub use islands::all_islands;
 pub use lift::{Model, Part, fair_share, size};
 pub use parts::{Found, Reduced, Size, Summary, as_they_are, each, reduce, summary, unreduced};
+pub use remembered::Remembered;
 pub use resting::{Resting, Rests};
 
 use crate::exact::{Contacts, Described, Law};

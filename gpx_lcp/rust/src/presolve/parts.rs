@@ -8,9 +8,10 @@ use crate::team::Team;
 use super::inactive::Reach;
 use super::lift::{LARGEST, Model, Part};
 use super::local_bodies::LocalBodies;
+use super::remembered::{Closed, Remembered};
 use super::{
-    Form, Resting, Rests, Shaped, View, chain, collinear, inactive, islands, planar, redundant,
-    resting, single, spatial, translational,
+    Form, Resting, Rests, Shaped, View, collinear, inactive, islands, planar, redundant, resting,
+    spatial, translational,
 };
 
 /// Contacts, from which on a thread is started: it takes some 30 µs, as long as so many take to be solved.
@@ -96,7 +97,7 @@ pub enum Found {
 
 /// What presolve would do, without solving anything.
 pub fn summary(view: &View) -> Summary {
-    match reduce(view, 1, &|_| None) {
+    match reduce(view, 1, &|_| None, &mut Remembered::default()) {
         Found::Reduced(reduced) => reduced.summary,
         Found::Islands(islands) => unreduced(view, islands.len()),
         Found::Nothing => unreduced(view, islands::all_islands(view).len()),
@@ -159,12 +160,21 @@ pub fn each<Item: Sync, T: Send>(
 }
 
 /// What is left of a system; on threads where it is large. `rests` is asked of islands.
-pub fn reduce(view: &View, threads: usize, rests: Rests) -> Found {
+pub fn reduce(view: &View, threads: usize, rests: Rests, remembered: &mut Remembered) -> Found {
+    if let Some(reduced) = remembered.again(view, rests) {
+        return Found::Reduced(reduced);
+    }
     let threads = Team::worth(threads, view.contacts(), WORTH_REDUCING);
-    Team::with(threads, |team| found(view, rests, team))
+    let mut closed = Vec::new();
+    let found = Team::with(threads, |team| found(view, rests, &mut closed, team));
+    if let Found::Reduced(reduced) = &found {
+        remembered.keep(view, closed, reduced);
+    }
+    found
 }
 
-fn found(view: &View, rests: Rests, team: &Team) -> Found {
+/// The same; islands that were solved in closed form are put into `closed`.
+fn found(view: &View, rests: Rests, closed: &mut Vec<Closed>, team: &Team) -> Found {
     let mut summary = Summary {
         before: whole_size(view),
         ..Summary::default()
@@ -211,7 +221,9 @@ fn found(view: &View, rests: Rests, team: &Team) -> Found {
         let mut stay = stay.into_iter();
         pieces.retain(|_| !stay.next().expect("one of each piece"));
     }
-    let reduced = reduced(view, pieces, resting, parts, summary, &mut local, team);
+    let reduced = reduced(
+        view, pieces, resting, parts, summary, closed, &mut local, team,
+    );
     reduced.map_or(Found::Nothing, Found::Reduced)
 }
 
@@ -223,6 +235,7 @@ fn reduced(
     resting: Resting,
     mut parts: Vec<Part>,
     mut summary: Summary,
+    closed: &mut Vec<Closed>,
     local: &mut LocalBodies,
     team: &Team,
 ) -> Option<Reduced> {
@@ -257,10 +270,11 @@ fn reduced(
         };
         let left = part.size();
         summary.count(name(&part), 1, whole.less(left));
-        match single::solve(&part, view.law).or_else(|| chain::solve(&part)) {
-            Some(found) => {
+        match Closed::form_of(&part, view.law) {
+            Some((chain, found)) => {
                 part.lift(view.rows, &found, &mut impulse);
                 summary.count("closed form", 1, left);
+                closed.push(Closed { part, chain });
             }
             None => {
                 summary.after.add(left);
