@@ -398,7 +398,7 @@ pub fn solve(
             }
         };
         if let Some(mut answer) = answer {
-            answer.elapsed = begun.elapsed();
+            answer.elapsed = begun.elapsed().saturating_sub(answer.setup);
             answer.measure(system, effort);
             let last_word = match effort.method {
                 Method::Sweeps { .. } => answer.residual <= ROUNDED,
@@ -637,7 +637,7 @@ fn by_parts(
         answer.residual = answer.residual.hypot(found.residual * share);
         answer.iterations = answer.iterations.max(found.iterations);
         if parts.len() == 1 {
-            answer.history = found.history;
+            (answer.setup, answer.history) = (found.setup, found.history);
         }
         match (&mut answer.details, found.details) {
             (Details::Sweeps(stop), Details::Sweeps(own)) if found.status > answer.status => {

@@ -22,7 +22,7 @@ const WORTH_REDUCING: usize = 1024;
 const WORTH_TAKING: usize = 20;
 /// Where nothing slides, something can be taken as a rule, and more contacts than that are not looked at twice.
 const FEW: usize = 64;
-/// Pairs of bodies: what fails as a rule fails at one of the first.
+/// Pairs of bodies: what fails as a rule fails at one of so few.
 const TELLING: usize = 8;
 /// Parts of fewer contacts are solved together,
 const SMALL: usize = 32;
@@ -349,16 +349,19 @@ fn stays_sized<const R: usize, const D: usize>(
     if !slides && !normals && contacts.len() > FEW {
         return false;
     }
-    // What is no model of the first pairs of bodies is none of all.
-    let first: Vec<_> = runs(&view, contacts).take(TELLING).collect();
-    if planar::may_be(view, contacts, &first) {
+    // What is no model of some pairs of bodies is none of all; one that stands on what never moves tells little.
+    let moves_two = |run: &Range<usize>| view.bodies_of(contacts[run.start]).len() > 1;
+    let begin = runs(&view, contacts).find(moves_two);
+    let begin = begin.map_or(0, |run| run.start);
+    let first: Vec<_> = runs(&view, &contacts[begin..]).take(TELLING).collect();
+    let telling = &contacts[begin..][..first.last().map_or(0, |run| run.end)];
+    if planar::may_be(view, contacts, telling, &first) {
         return false;
     }
     let mut is_collinear = |contacts: &[u32], runs: &[Range<usize>]| {
         local.renumber(&view, contacts);
         collinear::propose(view, contacts, runs, local).is_some()
     };
-    let telling = &contacts[..first.last().map_or(0, |run| run.end)];
     if !slides && is_collinear(telling, &first) {
         let all: Vec<_> = runs(&view, contacts).collect();
         if is_collinear(contacts, &all) {

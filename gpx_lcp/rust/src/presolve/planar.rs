@@ -34,23 +34,19 @@ const PIECE: usize = 256;
 /// Normals closer to parallel than this do not tell the plane between them.
 const DISTINCT: f64 = 1e-3;
 
-/// Whether normals and sliding lie in one plane, and impulses in it can be balanced, as far as the first pairs of bodies tell,
-/// whose contacts come first.
+/// Whether normals and sliding of all contacts lie in one plane, and impulses of some, which come by these pairs of bodies,
+/// can be balanced in it.
 #[inline(always)]
 pub fn may_be<const R: usize, const D: usize>(
     view: Shaped<R, D>,
     contacts: &[u32],
-    first: Runs,
+    some: &[u32],
+    pairs: Runs,
 ) -> bool {
     Frames::of(view).is_some_and(|frames| {
         let axes = frames.normals_of_plane(contacts);
-        let frictionless =
-            frames.is_frictionless(&contacts[..first.last().map_or(0, |run| run.end)]);
-        let balanced = |axis: &Axis| {
-            frames
-                .gathered(contacts, first, axis, frictionless)
-                .is_some()
-        };
+        let frictionless = frames.is_frictionless(some);
+        let balanced = |axis: &Axis| frames.gathered(some, pairs, axis, frictionless).is_some();
         axes.iter().any(balanced)
     })
 }
