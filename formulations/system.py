@@ -58,11 +58,7 @@ class StackedSystem:
 
     def __init__(self, A: npt.ArrayLike | sp.sparray | sp.spmatrix, B: npt.ArrayLike, friction: npt.ArrayLike) -> None:
         self._start(B, friction)
-        self._A: Matrix | None = _checked_delassus(A, self.B.size)
-        self.jacobian: sp.bsr_array | None = None
-        self.inverse_mass: Array | None = None
-        self.free_velocity: Array | None = None
-        self._whitened_blocks: Array | None = None
+        self._start_by_delassus(_checked_delassus(A, self.B.size))
 
     @classmethod
     def from_jacobian(
@@ -112,6 +108,20 @@ class StackedSystem:
         self._whitened_blocks = whitened_blocks
         return self
 
+    @classmethod
+    def from_checked(cls, A: Matrix, B: npt.ArrayLike, friction: npt.ArrayLike) -> StackedSystem:
+        """Make the system from an A that was checked before it was scaled or cut, dense or CSR; it is kept, not copied.
+
+        Small blocks of it may differ from their transpose by more than is allowed of the largest entry of all.
+        """
+        self = cls.__new__(cls)
+        self._start(B, friction)
+        if sp.issparse(A):
+            A.sum_duplicates()
+        freeze(A.data if sp.issparse(A) else A)
+        self._start_by_delassus(A)
+        return self
+
     def _start(self, B: npt.ArrayLike, friction: npt.ArrayLike) -> None:
         self.B: Array = freeze(as_array("B", B, (None,)))
         self.friction: Array = freeze(as_array("friction", friction, (None,)))
@@ -122,6 +132,13 @@ class StackedSystem:
                 f"B has length {size} but friction has {contacts} contacts: B must hold 1, 2 or 3 rows per contact"
             )
         self.rows: int = size // contacts if contacts else 3
+
+    def _start_by_delassus(self, A: Matrix) -> None:
+        self._A: Matrix | None = A
+        self.jacobian: sp.bsr_array | None = None
+        self.inverse_mass: Array | None = None
+        self.free_velocity: Array | None = None
+        self._whitened_blocks: Array | None = None
 
     def __setattr__(self, name: str, value: object) -> None:
         """Refuse to change what has been set once: solvers and certificates rely on it."""
@@ -223,12 +240,12 @@ class StackedSystem:
         else:
             weights = sp.dia_array((rows[None, :], [0]), shape=self.A.shape)
             matrix = sp.csr_array(weights @ self.A @ weights)
-        return StackedSystem(matrix, right / size, self.friction), size * factors
+        return StackedSystem.from_checked(matrix, right / size, self.friction), size * factors
 
     def restricted(self, contacts: npt.NDArray[np.integer[Any]]) -> StackedSystem:
         """Return the system of these contacts alone, by its A: the impulses of the others are zero, and free."""
         rows = (self.rows * contacts[:, None] + np.arange(self.rows)).ravel()
-        return StackedSystem(self.A[np.ix_(rows, rows)], self.B[rows], self.friction[contacts])
+        return StackedSystem.from_checked(self.A[np.ix_(rows, rows)], self.B[rows], self.friction[contacts])
 
     def body_velocity_change(self, impulse: Array) -> Array:
         """Return M⁻¹ Jᵀ p, (nv,), m/s and rad/s; needs the form with J and M⁻¹."""
