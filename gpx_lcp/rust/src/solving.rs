@@ -338,6 +338,29 @@ impl Stacked for Stack {
     }
 }
 
+/// What is left of a system for a solver outside the core, its parts `apart` or as one for each shape, and the tolerance
+/// of each; None where nothing can be taken from it.
+pub fn left_for_others(
+    asked: &impl Stacked,
+    law: exact::Law,
+    tolerance: f64,
+    apart: bool,
+) -> Option<(Reduced, Vec<f64>)> {
+    let free = asked.free_motion();
+    let view = asked.view(law, free.as_deref(), false);
+    let found = presolve::reduce(&view, 1, &|_| None, &mut Remembered::default());
+    let Found::Reduced(mut reduced) = found else {
+        return None;
+    };
+    if !apart {
+        reduced.parts = presolve::together(reduced.parts);
+    }
+    let whole = presolve::size(view.b);
+    let own = |part: &Part| tolerance_of(&view, part, whole, AIM * tolerance);
+    let tolerances = reduced.parts.iter().map(own).collect();
+    Some((reduced, tolerances))
+}
+
 /// Solve the system from the impulses `start`; None where the caller interrupts it.
 ///
 /// What presolve remembers saves time, and changes no result.
@@ -667,9 +690,8 @@ fn solved(
 ) -> Option<Vec<Answer>> {
     let whole = presolve::size(view.b);
     let solve_part = |part: &Part, threads: usize| {
-        let allowed = presolve::fair_share(view, &part.contacts, whole) / part.weight(view);
         let mut own = *limits;
-        own.tolerance = (limits.tolerance * allowed.sqrt()).max(FINEST);
+        own.tolerance = tolerance_of(view, part, whole, limits.tolerance);
         let start = start.map(|start| part.restrict(view.rows, start));
         let scale = scale_of(part.form, &part.matrix);
         let system = System::of(part, &scale);
@@ -678,6 +700,12 @@ fn solved(
     let contacts = |part: &Part| part.friction.len();
     let answers = presolve::each(parts, contacts, effort.threads, false, &solve_part);
     answers.into_iter().collect()
+}
+
+/// What a part may leave, relative to its own B, where the whole may leave `tolerance` of ‖B‖ = `whole`.
+fn tolerance_of(view: &presolve::View, part: &Part, whole: f64, tolerance: f64) -> f64 {
+    let allowed = presolve::fair_share(view, &part.contacts, whole) / part.weight(view);
+    (tolerance * allowed.sqrt()).max(FINEST)
 }
 
 impl Factored {

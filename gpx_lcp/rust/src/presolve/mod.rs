@@ -56,7 +56,9 @@ mod translational;
 pub use inactive::any_apart;
 pub use islands::all_islands;
 pub use lift::{Model, Part, fair_share, size};
-pub use parts::{Found, Reduced, Size, Summary, as_they_are, each, reduce, summary, unreduced};
+pub use parts::{
+    Found, Reduced, Size, Summary, as_they_are, each, reduce, summary, together, unreduced,
+};
 pub use remembered::Remembered;
 pub use resting::{Resting, Rests};
 

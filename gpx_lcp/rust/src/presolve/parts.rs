@@ -119,7 +119,12 @@ pub fn unreduced(view: &View, islands: usize) -> Summary {
 pub fn as_they_are(view: &View, islands: &[Vec<u32>]) -> Vec<Part> {
     let mut local = LocalBodies::new(view.bodies);
     let part = |island: &Vec<u32>| as_it_is(view, island, &mut local);
-    gathered(islands.iter().map(part).collect())
+    gathered(islands.iter().map(part).collect(), SMALL, POOL)
+}
+
+/// Parts of the same shape as one.
+pub fn together(parts: Vec<Part>) -> Vec<Part> {
+    gathered(parts, usize::MAX, usize::MAX)
 }
 
 fn as_it_is(view: &View, island: &[u32], local: &mut LocalBodies) -> Part {
@@ -288,7 +293,7 @@ fn reduced(
         // A sweep over it takes as long as one over the whole, and the way to it has taken as long as some more.
         return None;
     }
-    let parts = gathered(parts);
+    let parts = gathered(parts, SMALL, POOL);
     if parts.len() == 1
         && summary.after.contacts == view.contacts()
         && parts[0].model == Model::Spatial
@@ -446,24 +451,26 @@ fn within_reach(
     summary.count("inactive", 1, whole.less(left));
 }
 
-/// Small parts of the same shape go together, as one: each by itself takes longer to begin than to solve.
-fn gathered(parts: Vec<Part>) -> Vec<Part> {
+/// Parts of fewer than `small` contacts go together with those of the same shape, as one of some more than `pool`: each by
+/// itself takes longer to begin than to solve.
+fn gathered(parts: Vec<Part>, small: usize, pool: usize) -> Vec<Part> {
     let mut result: Vec<Part> = Vec::with_capacity(parts.len());
     let mut open: Vec<usize> = Vec::new();
     for part in parts {
-        if part.friction.len() >= SMALL {
+        if part.friction.len() >= small {
             result.push(part);
             continue;
         }
         let fits = |&place: &usize| {
-            let pool = &result[place];
-            (pool.form, pool.rows, pool.matrix.width) == (part.form, part.rows, part.matrix.width)
+            let other = &result[place];
+            (other.form, other.rows, other.matrix.width)
+                == (part.form, part.rows, part.matrix.width)
         };
         match open.iter().position(fits) {
             Some(at) => {
-                let pool = &mut result[open[at]];
-                pool.append(part);
-                if pool.friction.len() >= POOL {
+                let joined = &mut result[open[at]];
+                joined.append(part);
+                if joined.friction.len() >= pool {
                     open.swap_remove(at);
                 }
             }

@@ -1,5 +1,6 @@
 //! The border to Python: converts arrays, releases the interpreter lock, turns errors into Python's exceptions.
 
+mod part;
 mod records;
 mod scene;
 mod solve;
@@ -13,6 +14,8 @@ use pyo3::prelude::*;
 mod _core {
     use pyo3::prelude::*;
 
+    #[pymodule_export]
+    use super::part::Part;
     #[pymodule_export]
     use super::records::{Contacts, Stack};
     #[pymodule_export]

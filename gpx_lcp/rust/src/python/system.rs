@@ -3,16 +3,18 @@
 use std::borrow::Cow;
 
 use numpy::{
-    IntoPyArray, PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
-    PyUntypedArrayMethods,
+    IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
+    PyReadonlyArray3, PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
 
+use super::part::Part;
+use super::records::table;
 use super::solve::law_named;
 use crate::arms::{Masses, Rigid, are_rigid};
 use crate::exact::{BlockMatrix, Law, ShapeError};
 use crate::presolve::{self, Form, FreeMotion, Size, Summary};
-use crate::solving::{Stacked, System as Numbers, scale_of};
+use crate::solving::{Stacked, System as Numbers, left_for_others, scale_of};
 
 pyo3::import_exception!(gpx_lcp.errors, ProblemError);
 
@@ -160,6 +162,31 @@ impl System {
         Ok(presolve_summary(&presolve::summary(&view)))
     }
 
+    /// What presolve leaves under "normal" or "cone" where the whole is to be solved to a tolerance: the impulses (n,
+    /// rows) that are known, the parts still to be solved, apart or as one for each shape, and what was done. None where
+    /// nothing can be taken away.
+    fn reduced<'py>(
+        &self,
+        py: Python<'py>,
+        law: &str,
+        tolerance: f64,
+        apart: bool,
+    ) -> PyResult<Option<Left<'py>>> {
+        let law = law_named(law)?;
+        let left = py.detach(|| left_for_others(self, law, tolerance, apart));
+        let Some((reduced, tolerances)) = left else {
+            return Ok(None);
+        };
+        let rows = self.matrix.height;
+        let size = self.target.len();
+        let parts = reduced.parts.into_iter().zip(tolerances);
+        let parts = parts
+            .map(|(part, tolerance)| Part::new(part, tolerance, rows, size))
+            .collect();
+        let known = table(py, reduced.impulse, rows)?;
+        Ok(Some((known, parts, presolve_summary(&reduced.summary))))
+    }
+
     /// The contacts of each island, which no impulse of another one moves.
     fn islands<'py>(&self, py: Python<'py>) -> Vec<Bound<'py, PyArray1<u32>>> {
         let islands = presolve::all_islands(&self.view(Law::Coulomb, None, false));
@@ -267,6 +294,9 @@ type Counts = (usize, usize, usize);
 
 /// Islands; the size before and after; each reduction with the islands it changed and what it removed.
 pub type PresolveSummary = (usize, Counts, Counts, Vec<(&'static str, usize, Counts)>);
+
+/// Impulses known already, parts still to be solved, and the summary.
+type Left<'py> = (Bound<'py, PyArray2<f64>>, Vec<Part>, PresolveSummary);
 
 fn counts(size: Size) -> Counts {
     (size.contacts, size.rows, size.velocities)
