@@ -54,9 +54,14 @@ the friction with it.
 within that of the whole. A sweep costs little where there is little to do, so that `pgs` takes a system apart only for
 a twentieth of its contacts or more, sweeps points and balls without friction as they are, does not look for contacts
 out of reach, and sweeps islands that stay as they are as one, until most of them are done. The programs over polygons,
-"box" and "pyramid", have axes of their own in the tangent plane, which reductions would turn: they are swept as they
-are. `lemke` solves islands apart, as each pivot takes time by all unknowns, small ones together. Other solvers take the
-system as it is.
+"box" and "pyramid", have axes of their own in the tangent plane, which reductions would turn: they are solved as they
+are, but that `lemke` takes islands apart, small ones together.
+
+Every other solver, be it `lemke`, `osqp` or `clarabel`, is given what is left of "normal" and "cone", each part to its
+share of the tolerance. One whose time grows faster than the number of unknowns, as that of dense methods does, solves
+the parts one by one (`apart` in its row of the table); any other those of one shape as one, as one more call costs it
+more than a larger matrix. Their unknowns are impulses: where only velocities would be fewer, they take the system as it
+is. Where nothing is left they are not called, and a setting that only they know goes unread.
 """
 
 from __future__ import annotations

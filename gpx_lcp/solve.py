@@ -79,9 +79,11 @@ def solve(
     facets : int
         Of the pyramids, at least 3.
     presolve : bool
-        Whether "interior_point", "newton" and "pgs" solve the smallest systems with the same answer, on so many
-        `threads` as their setting says, and map the answer back; see `gpx_lcp.presolve`. Polygons ("box", "pyramid")
-        are swept as they are. "lemke" solves islands apart. Other solvers take the system as it is.
+        Whether the solver solves the smallest systems with the same answer, which is mapped back; see
+        `gpx_lcp.presolve`. "interior_point", "newton" and "pgs" do so on as many `threads` as their setting says.
+        Polygons ("box", "pyramid") are solved as they are, but that "lemke" takes islands apart. Each part has
+        `max_iterations` to itself, and `Solution.iterations` is the most of any; the time limit is that of all. Where
+        a solver outside the core solves several parts, `extras["parts"]` has the extras of each.
     **settings
         The solver's own settings, e.g. `relaxation` of "pgs".
 

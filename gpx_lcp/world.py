@@ -146,8 +146,10 @@ class World(Population):
             "presolve": presolve,
             **settings,
         }
-        # One contact, solved, finds whatever is wrong with the settings before the first step does.
-        solve(StackedSystem(np.eye(3), [1.0, 0.0, 0.0], [0.5]), **self._effort)
+        # Two contacts, solved, find whatever is wrong with the settings before the first step does: one alone would not
+        # get as far as the solver.
+        pair = np.kron([[2.0, 1.0], [1.0, 2.0]], np.eye(3))
+        solve(StackedSystem(pair, [1.0, 0.0, 0.0] * 2, [0.5, 0.5]), **self._effort)
         if not isinstance(warm_start, bool):
             raise SettingsError(f"warm_start is {warm_start!r}: it must be True or False")
         self._warm_start = warm_start and solvers()[solver].warm_starts

@@ -9,6 +9,7 @@ from typing import Final
 from formulations import FORMULATIONS
 from gpx_lcp.solvers import interior_point, lemke, newton, pgs, quadratic
 from gpx_lcp.solvers._interface import Outcome, Request, Solver
+from gpx_lcp.solvers._reduced import presolving
 
 __all__ = ["Outcome", "Request", "Solver", "SolverTable", "solvers"]
 
@@ -49,4 +50,6 @@ def solvers() -> SolverTable:
 
     Print it to read it, look a name up to get its row.
     """
-    return SolverTable({row.name: row for row in (*NATIVE, *quadratic.backends())})
+    rows = (*NATIVE, *quadratic.backends())
+    # The core presolves for its own.
+    return SolverTable({row.name: row if row.native else presolving(row) for row in rows})

@@ -4,12 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
 from formulations import StackedSystem
 from formulations.checks import Array
 from gpx_lcp.presolved import Counted
 from gpx_lcp.solution import Status
+
+# Of the parts of a system the worst is said.
+SEVERITY: Final = (
+    Status.SOLVED,
+    Status.STALLED,
+    Status.MAX_ITERATIONS,
+    Status.NUMERICAL_ERROR,
+    Status.INFEASIBLE,
+)
 
 
 @dataclass(frozen=True)
@@ -87,6 +96,9 @@ class Solver:
         What the core needs to know to run this solver inside its own time step, with no Python between the stages: its
         kernel and the kernel's settings, from a request whose system counts only by its rows. None steps a world stage
         by stage.
+    apart : bool
+        Whether it is given the parts that presolve leaves one by one: for methods whose time grows faster than the
+        number of unknowns. The others take those of one shape together.
     installed : bool
     install : str
         The command that installs it where it is missing; empty for the solvers of gpx-lcp itself.
@@ -99,6 +111,7 @@ class Solver:
     warm_starts: bool = False
     defaults: Mapping[str, Any] | None = field(default_factory=dict)
     native: Callable[[Request], dict[str, Any]] | None = None
+    apart: bool = False
     installed: bool = True
     install: str = ""
 

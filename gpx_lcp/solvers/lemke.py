@@ -44,7 +44,7 @@ from formulations import (
 from formulations.checks import Array
 from gpx_lcp.core_system import core_system
 from gpx_lcp.solution import Status
-from gpx_lcp.solvers._interface import Outcome, Request, Solver
+from gpx_lcp.solvers._interface import SEVERITY, Outcome, Request, Solver
 
 # The inverse is worked out afresh when it gets a pivot column wrong by this share.
 REFRESH: Final = 1e-9
@@ -69,15 +69,6 @@ COVERS: Final = (0.0, 0.618033988749895, 0.414213562373095)
 # Unknowns up to which islands are solved together.
 FEW_UNKNOWNS: Final = 100
 FINAL: Final = (Status.SOLVED, Status.INFEASIBLE)
-# Of the islands of a system the worst is said.
-SEVERITY: Final = (
-    Status.SOLVED,
-    Status.STALLED,
-    Status.MAX_ITERATIONS,
-    Status.NUMERICAL_ERROR,
-    Status.INFEASIBLE,
-)
-
 
 Contacts: TypeAlias = npt.NDArray[np.uint32]
 
@@ -402,4 +393,5 @@ SOLVER: Final = Solver(
     method="direct: Lemke's complementary pivoting, lexicographic",
     programs={"normal": "LCP", "box": "boxed LCP", "pyramid": "Stewart-Trinkle LCP"},
     run=_run,
+    apart=True,
 )

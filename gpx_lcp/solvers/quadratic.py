@@ -78,6 +78,7 @@ def _row(name: str) -> Solver:
         run=lambda request: _run(name, request),
         warm_starts=name in _WARM_STARTS,
         defaults=None,
+        apart=name not in qpsolvers.sparse_solvers,
         installed=name in qpsolvers.available_solvers,
         install=f"pip install 'qpsolvers[{name}]'",
     )

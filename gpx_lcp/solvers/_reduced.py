@@ -1,0 +1,143 @@
+"""Presolve for the solvers outside the core: they solve the parts that it leaves, and their impulses are lifted back.
+
+The core reduces the system, see `gpx_lcp.presolve`, and says to which tolerance each part is to be solved for the whole
+to be within its own. A part is a stacked system like any other, and poses the same program.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from time import perf_counter
+from typing import Any, Final
+
+import numpy as np
+import scipy.sparse as sp
+
+from formulations import StackedSystem
+from formulations.checks import Array
+from gpx_lcp import _core
+from gpx_lcp.core_system import core_system, program_residual
+from gpx_lcp.presolved import Counted
+from gpx_lcp.solution import Status
+from gpx_lcp.solvers._interface import SEVERITY, Outcome, Request, Solver
+
+# The formulations that reductions keep: they turn tangents, and polygons have axes of their own there.
+ISOTROPIC: Final = ("normal", "cone")
+# What no impulse at all leaves of any system, at most.
+WITHOUT_IMPULSES: Final = 1.0
+
+
+def presolving(row: Solver) -> Solver:
+    """Return the row of a solver that takes a system as it is, made to solve the parts that presolve leaves of it.
+
+    Each part has `max_iterations` to itself, and `iterations` are the most of any part; the time is that of all
+    together. The status is the worst. Of several parts, `extras["parts"]` has the extras of each. Where all parts are
+    solved and the whole is not, at tolerances near rounding, the whole has the last word; it starts from what the parts
+    have found, if the solver can.
+    """
+
+    def run(request: Request) -> Outcome:
+        began = perf_counter()
+        if not (request.presolve and request.formulation in ISOTROPIC):
+            return row.run(request)
+        reduced = core_system(request.system).reduced(request.formulation, request.tolerance, row.apart)
+        if reduced is None or _is_as_large(request, reduced[1]):
+            return row.run(request)
+        impulse, parts, summary = reduced
+        requests = [_request(request, part) for part in parts]
+        setup = perf_counter() - began
+        outcomes = [_run(row, own, began) for own in requests]
+        for part, outcome in zip(parts, outcomes, strict=True):
+            part.lift(outcome.impulse, impulse)
+        whole = _joined(request.formulation, impulse, parts, outcomes, setup, summary)
+        # A solver that leaves more of its parts than it was asked for leaves no less of the whole.
+        if _is_solved(request, whole) or not all(map(_is_solved, requests, outcomes)):
+            return whole
+        again = _run(row, replace(request, warm_start=impulse if row.warm_starts else None), began)
+        better = min(whole, again, key=lambda outcome: _residual(request, outcome))
+        return replace(
+            better,
+            setup_seconds=whole.setup_seconds + again.setup_seconds,
+            solve_seconds=whole.solve_seconds + again.solve_seconds,
+        )
+
+    return replace(row, run=run)
+
+
+def _is_as_large(request: Request, parts: Sequence[_core.Part]) -> bool:
+    """Whether the only part has all unknowns of the program, which are impulses: fewer velocities are no gain."""
+    if len(parts) != 1:
+        return False
+    if request.formulation == "normal":
+        return parts[0].friction.size == request.system.contacts
+    return parts[0].target.size == request.system.B.size
+
+
+def _request(whole: Request, part: _core.Part) -> Request:
+    """Return what is asked of a part."""
+    start = None if whole.warm_start is None else part.restrict(np.ascontiguousarray(whole.warm_start))
+    return replace(whole, system=_system(part), tolerance=part.tolerance, warm_start=start)
+
+
+def _system(part: _core.Part) -> StackedSystem:
+    starts, columns, blocks, bodies = part.matrix()
+    width = blocks.shape[2]
+    matrix = sp.bsr_array((blocks, columns, starts), shape=(part.target.size, bodies * width))
+    if not part.of_bodies:
+        return StackedSystem.from_checked(sp.csr_array(matrix), part.target, part.friction)
+    unit = np.broadcast_to(np.eye(width), (bodies, width, width))
+    return StackedSystem.from_jacobian(matrix, unit, part.target, part.friction)
+
+
+def _run(row: Solver, request: Request, began: float) -> Outcome:
+    """Run the solver, where there is something to do and time left for it."""
+    nothing = np.zeros((request.system.contacts, request.system.rows))
+    if request.tolerance >= WITHOUT_IMPULSES or not request.system.B.any():
+        return Outcome(nothing, Status.SOLVED, request.formulation, 0, 0.0, 0.0)
+    if request.time_limit is None:
+        return row.run(request)
+    left = request.time_limit - (perf_counter() - began)
+    if left <= 0.0:
+        start = nothing if request.warm_start is None else request.warm_start
+        return Outcome(start, Status.MAX_ITERATIONS, request.formulation, 0, 0.0, 0.0)
+    return row.run(replace(request, time_limit=left))
+
+
+def _residual(request: Request, outcome: Outcome) -> float:
+    return program_residual(request.system, outcome.program, outcome.impulse, request.facets)
+
+
+def _is_solved(request: Request, outcome: Outcome) -> bool:
+    return _residual(request, outcome) <= request.tolerance
+
+
+def _joined(
+    program: str,
+    impulse: Array,
+    parts: Sequence[_core.Part],
+    outcomes: Sequence[Outcome],
+    setup: float,
+    summary: Counted,
+) -> Outcome:
+    """Return what was found for the parts as the outcome of the whole; `impulse` is lifted already."""
+    extras = [dict(outcome.extras) for outcome in outcomes]
+    ray = np.zeros_like(impulse)
+    for part, own in zip(parts, extras, strict=True):
+        if "infeasibility" in own:
+            part.lift(own.pop("infeasibility"), ray)
+    joined: dict[str, Any] = extras[0] if len(extras) == 1 else {"parts": extras} if extras else {}
+    if ray.any():
+        joined["infeasibility"] = ray / np.abs(ray).max()
+    return Outcome(
+        impulse=impulse,
+        status=max((outcome.status for outcome in outcomes), key=SEVERITY.index, default=Status.SOLVED),
+        program=program,
+        iterations=max((outcome.iterations for outcome in outcomes), default=0),
+        setup_seconds=setup + sum(outcome.setup_seconds for outcome in outcomes),
+        solve_seconds=sum(outcome.solve_seconds for outcome in outcomes),
+        history=outcomes[0].history if len(outcomes) == 1 else (),
+        fallbacks=tuple(dict.fromkeys(name for outcome in outcomes for name in outcome.fallbacks)),
+        extras=joined,
+        presolved=summary,
+    )
