@@ -50,24 +50,41 @@ def tolerance_of(solver: str) -> float:
     return SWEPT_TOLERANCE if solver == "pgs" else TOLERANCE
 
 
-def scene_batch(name: str, solvers: Sequence[str], steps: int, repeats: int, limit: float) -> SceneBatch:
-    """Return the batch of a scene."""
-    settings = SETTINGS if SCENES[name].threads > 1 else SETTINGS[:2]
+def formulation_of(solver: str, scene: str) -> str | None:
+    """Return what a solver is asked on a scene; None where it solves no isotropic law that the scene is about."""
+    programs = gpx.solvers()[solver].programs
+    laws = ("coulomb", "normal") if SCENES[scene].frictionless else ("coulomb", "cone")
+    return next((law for law in laws if law in programs), None)
+
+
+def scene_batch(
+    name: str, solvers: Sequence[str], formulations: Sequence[str] | None, steps: int, repeats: int, limit: float
+) -> SceneBatch:
+    """Return the batch of a scene: those of the solvers that solve one of the formulations, if any are named."""
     attempts = [
         Attempt(
             suite=NAME,
             scene=name,
             solver=solver,
-            formulation="coulomb",
+            formulation=formulation,
             setting=setting,
             effort=float(SETTINGS.index(setting)),
             tolerance=tolerance_of(solver),
             engine_version=version_of("gpx-lcp"),
         )
         for solver in solvers
-        for setting in settings
+        if (formulation := formulation_of(solver, name)) and formulation in (formulations or (formulation,))
+        for setting in _settings(solver, name)
     ]
     return SceneBatch(name, attempts, repeats, limit, steps)
+
+
+def _settings(solver: str, scene: str) -> Sequence[str]:
+    return SETTINGS if SCENES[scene].threads > 1 and _takes_threads(solver) else SETTINGS[:2]
+
+
+def _takes_threads(solver: str) -> bool:
+    return "threads" in (gpx.solvers()[solver].defaults or ())
 
 
 class SceneBench:
@@ -81,14 +98,17 @@ class SceneBench:
         self._start = before.snapshot()
 
     def _world(self, attempt: Attempt, warm_start: bool) -> gpx.World:
+        threads = self._scene.threads if attempt.setting == THREADED else 1
         world = gpx.World(
             self._scene.make(),
             TIME_STEP,
             solver=attempt.solver,
+            # Without friction Coulomb's law is stepped as the frictionless one, unless it is named.
+            formulation=None if attempt.formulation == "coulomb" else attempt.formulation,
             tolerance=tolerance_of(attempt.solver),
             presolve=attempt.setting != AS_ASKED,
             warm_start=warm_start,
-            threads=self._scene.threads if attempt.setting == THREADED else 1,
+            **({"threads": threads} if _takes_threads(attempt.solver) else {}),
         )
         world.restore(self._start)
         return world

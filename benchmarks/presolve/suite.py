@@ -12,6 +12,7 @@ from matplotlib.ticker import FuncFormatter, NullLocator
 from rich.table import Table
 from rich.text import Text
 
+import gpx_lcp as gpx
 from benchmarks.arguments import add_effort, add_filters, chosen
 from benchmarks.attempts import COLD
 from benchmarks.drawing import save
@@ -44,8 +45,10 @@ class Presolve:
         "to 1e-4 each on a way of its own, with more sweeps or fewer: compare iterations before times. Times are whole "
         "steps, detection of contacts and motion included, which presolve does not touch; a scene at rest that starts "
         "from its own impulses is hardly more than that. 'As asked' gives every contact three rows and every body six "
-        "velocities. Of rows, velocities and mean iterations, the table tells what is left of what there was. On a "
-        "shared machine times are good to 20-30 %."
+        "velocities. Of rows, velocities and mean iterations, the table tells what is left of what there was. A "
+        "solver that knows no Coulomb's law is asked for the frictionless law where a scene has no friction, else for "
+        "the convex one; scenes that it can solve by neither are left out. On a shared machine times are good to "
+        "20-30 %."
     )
 
     def add_arguments(self, parser: argparse.ArgumentParser) -> None:
@@ -59,14 +62,14 @@ class Presolve:
 
     def batches(self, asked: argparse.Namespace, folder: Path) -> Sequence[SceneBatch]:
         """Return a batch for each scene."""
-        if asked.formulation and "coulomb" not in asked.formulation:
-            return []
-        solvers = [name for name in ("newton", "interior_point", "pgs") if name in (asked.solver or SOLVERS)]
+        rows = gpx.solvers().values()
+        solvers = [row.name for row in rows if row.installed and row.name in (asked.solver or SOLVERS)]
         names = QUICK if asked.quick and asked.scene is None else chosen(SCENES, asked.scene)
         steps = QUICK_STEPS if asked.quick else STEPS
         repeats = asked.repeats or (QUICK_REPEATS if asked.quick else REPEATS)
         limit = asked.time_limit or (QUICK_TIME_LIMIT if asked.quick else TIME_LIMIT)
-        return [scene_batch(name, solvers, steps, repeats, limit) for name in names if solvers]
+        batches = [scene_batch(name, solvers, asked.formulation, steps, repeats, limit) for name in names]
+        return [batch for batch in batches if batch.attempts]
 
     def batch_tables(self, records: Sequence[Record]) -> Sequence[Table]:
         """Return nothing: a scene is two lines of the table at the end."""
@@ -75,7 +78,7 @@ class Presolve:
     def tables(self, records: Sequence[Record], folder: Path) -> Sequence[Table | Text]:
         """Return a line for each scene, case and presolved setting."""
         table = new_table("Whole steps: as asked, and made smaller")
-        for column in ("scene", "case", "solver", "threads"):
+        for column in ("scene", "case", "program", "solver", "threads"):
             table.add_column(column, no_wrap=True)
         table.add_column("removed by")
         for column in ("rows", "velocities", "iterations", "as asked ms", "ms", "gain"):
@@ -84,6 +87,7 @@ class Presolve:
             table.add_row(
                 record.scene,
                 record.case,
+                record.formulation,
                 record.solver,
                 str(SCENES[record.scene].threads if record.setting == THREADED else 1),
                 str(record.figures["reductions"]) or "nothing",

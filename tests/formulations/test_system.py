@@ -125,6 +125,20 @@ def test_the_asymmetry_of_six_digit_files_is_accepted():
     assert StackedSystem(matrix, B, FRICTION).A[0, 1] == 2.5e-3
 
 
+def test_a_part_may_be_less_symmetric_than_the_whole():
+    """What is rounding of the largest entry may be a tenth of the smallest."""
+    A = np.diag([1.0, 1.0, 1e-3, 1e-3])
+    A[2, 3] = 1e-4
+    for matrix in (A, sp.csr_array(A)):
+        system = StackedSystem(matrix, np.ones(4), np.zeros(4))
+        part = system.restricted(np.array([2, 3]))
+        small, _ = system.normalised()
+        np.testing.assert_array_equal(sp.csr_array(part.A).toarray(), A[2:, 2:])
+        np.testing.assert_allclose(sp.csr_array(small.A).toarray()[2:, 2:], [[1.0, 0.1], [0.0, 1.0]], rtol=1e-15)
+        with pytest.raises(ProblemError, match="not symmetric"):
+            StackedSystem(part.A, part.B, part.friction)
+
+
 @pytest.mark.parametrize(
     ("jacobian", "inverse_mass", "message"),
     [
