@@ -8,7 +8,7 @@ use crate::arms::{Masses, Rigid};
 use crate::exact::{self, BlockMatrix, Limits, Operator};
 use crate::gauss_seidel::{Settings, Stop};
 use crate::pooling::{are_mostly_done, swept};
-use crate::presolve::{self, Form, Found, FreeMotion, Part, Reduced, Remembered, Resting};
+use crate::presolve::{self, Form, Found, FreeMotion, Part, Reduced, Remembered};
 use crate::program::Program;
 use crate::stacking::Stack;
 use crate::sweeping::{Look, sweep};
@@ -593,18 +593,12 @@ fn by_islands(
 ) -> Option<Answer> {
     let look = |impulse: &[f64]| !are_mostly_done(system, view, islands, effort, limits, impulse);
     let mut answer = run(system, effort, limits, start, effort.threads, Some(&look))?;
-    let summary = presolve::unreduced(view, islands.len());
-    answer.presolve = Some(summary.clone());
+    answer.presolve = Some(presolve::unreduced(view, islands.len()));
     let ended = matches!(answer.details, Details::Sweeps(Stop::MaxSweeps));
     if !ended || answer.iterations == limits.iterations {
         return Some(answer);
     }
-    let reduced = Reduced {
-        impulse: vec![0.0; view.b.len()],
-        resting: Resting::default(),
-        parts: presolve::as_they_are(view, islands),
-        summary,
-    };
+    let reduced = presolve::as_they_are(view, islands);
     let (before, mut rest) = (answer, *limits);
     rest.iterations -= before.iterations;
     answer = by_parts(view, reduced, effort, &rest, Some(&before.impulse), true)?;
@@ -633,6 +627,7 @@ fn by_parts(
         resting,
         parts,
         summary,
+        ..
     } = reduced;
     let answers = match effort.method {
         Method::Sweeps { .. } => {

@@ -84,6 +84,8 @@ pub struct Reduced {
     pub resting: Resting,
     pub parts: Vec<Part>,
     pub summary: Summary,
+    /// The islands whose impulses were found in closed form.
+    pub(super) closed: Vec<Closed>,
 }
 
 /// What presolve finds.
@@ -116,10 +118,16 @@ pub fn unreduced(view: &View, islands: usize) -> Summary {
 }
 
 /// The islands of a system, each as it is, small ones together.
-pub fn as_they_are(view: &View, islands: &[Vec<u32>]) -> Vec<Part> {
+pub fn as_they_are(view: &View, islands: &[Vec<u32>]) -> Reduced {
     let mut local = LocalBodies::new(view.bodies);
     let part = |island: &Vec<u32>| as_it_is(view, island, &mut local);
-    gathered(islands.iter().map(part).collect(), SMALL, POOL)
+    Reduced {
+        impulse: vec![0.0; view.b.len()],
+        resting: Resting::default(),
+        parts: gathered(islands.iter().map(part).collect(), SMALL, POOL),
+        summary: unreduced(view, islands.len()),
+        closed: Vec::new(),
+    }
 }
 
 /// Parts of the same shape as one.
@@ -170,16 +178,14 @@ pub fn reduce(view: &View, threads: usize, rests: Rests, remembered: &mut Rememb
         return Found::Reduced(reduced);
     }
     let threads = Team::worth(threads, view.contacts(), WORTH_REDUCING);
-    let mut closed = Vec::new();
-    let found = Team::with(threads, |team| found(view, rests, &mut closed, team));
-    if let Found::Reduced(reduced) = &found {
-        remembered.keep(view, closed, reduced);
+    let mut found = Team::with(threads, |team| found(view, rests, team));
+    if let Found::Reduced(reduced) = &mut found {
+        remembered.keep(view, reduced);
     }
     found
 }
 
-/// The same; islands that were solved in closed form are put into `closed`.
-fn found(view: &View, rests: Rests, closed: &mut Vec<Closed>, team: &Team) -> Found {
+fn found(view: &View, rests: Rests, team: &Team) -> Found {
     let mut summary = Summary {
         before: whole_size(view),
         ..Summary::default()
@@ -226,9 +232,7 @@ fn found(view: &View, rests: Rests, closed: &mut Vec<Closed>, team: &Team) -> Fo
         let mut stay = stay.into_iter();
         pieces.retain(|_| !stay.next().expect("one of each piece"));
     }
-    let reduced = reduced(
-        view, pieces, resting, parts, summary, closed, &mut local, team,
-    );
+    let reduced = reduced(view, pieces, resting, parts, summary, &mut local, team);
     reduced.map_or(Found::Nothing, Found::Reduced)
 }
 
@@ -240,11 +244,11 @@ fn reduced(
     resting: Resting,
     mut parts: Vec<Part>,
     mut summary: Summary,
-    closed: &mut Vec<Closed>,
     local: &mut LocalBodies,
     team: &Team,
 ) -> Option<Reduced> {
     let mut impulse = vec![0.0; view.b.len()];
+    let mut closed = Vec::new();
     for mut contacts in in_order(view, islands) {
         local.renumber(view, &contacts);
         let mut whole = part_size(view, &contacts, local);
@@ -314,6 +318,7 @@ fn reduced(
         resting,
         parts,
         summary,
+        closed,
     })
 }
 

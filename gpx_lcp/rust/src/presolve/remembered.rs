@@ -12,6 +12,8 @@
 //!
 //! Therefore a result never depends on what is remembered, not in its last bit.
 
+use std::mem::take;
+
 use crate::exact::Law;
 
 use super::chain::Chain;
@@ -62,9 +64,10 @@ pub struct Remembered {
 }
 
 impl Remembered {
-    /// Remember the islands of a system, if they are all there is to it.
-    pub fn keep(&mut self, view: &View, islands: Vec<Closed>, reduced: &Reduced) {
+    /// Remember the islands that were solved in closed form, if they are all there is to the system.
+    pub fn keep(&mut self, view: &View, reduced: &mut Reduced) {
         self.islands.clear();
+        let islands = take(&mut reduced.closed);
         let contacts: usize = islands
             .iter()
             .map(|island| island.part.contacts.len())
@@ -126,6 +129,7 @@ impl Remembered {
             resting: Resting::default(),
             parts: Vec::new(),
             summary: self.summary.clone(),
+            closed: Vec::new(),
         })
     }
 }
