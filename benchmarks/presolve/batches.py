@@ -33,7 +33,7 @@ class SceneBatch:
 
     @property
     def cases(self) -> Sequence[str]:
-        """The same first step again and again; and steps in a row, each from the impulses of the last."""
+        """Steps in a row, each from no impulses, and each from those of the last."""
         return (COLD, STEPPED)
 
     def open(self) -> SceneBench:
@@ -114,22 +114,23 @@ class SceneBench:
         return world
 
     def try_once(self, attempt: Attempt, first: bool, seconds_left: float) -> Sequence[Outcome]:
-        """Take a cold step, and `steps` warm ones after it in another world."""
-        cold, stepped = self._world(attempt, False), self._world(attempt, True)
-        outcomes = [_outcome(COLD, cold, *self._times(cold, 1, first))]
-        # The first steps of a scene at rest find its loads; what follows is how it is simulated.
-        stepped.step(5)
-        outcomes.append(_outcome(STEPPED, stepped, *self._times(stepped, self._batch.steps, first)))
+        """Take steps from nothing, and from the last one in another world."""
+        outcomes = []
+        for case, warm_start in ((COLD, False), (STEPPED, True)):
+            world = self._world(attempt, warm_start)
+            # The first steps of a world fill its memory, and find the loads of what rests.
+            world.step(5)
+            outcomes.append(_outcome(case, world, *self._times(world, first)))
         return outcomes
 
-    def _times(self, world: gpx.World, steps: int, first: bool) -> tuple[list[float], float | None]:
+    def _times(self, world: gpx.World, first: bool) -> tuple[list[float], float | None]:
         """Return the time of each step and, of the first trial, how many iterations one took on average.
 
         Making a Solution takes ten times as long as a small step and leaves the caches to others: the trials that are
         timed take their steps in a row.
         """
         times, iterations = [], 0
-        for _ in range(steps):
+        for _ in range(self._batch.steps):
             self._scene.change(world)
             tick = time.perf_counter()
             world.step()
@@ -137,7 +138,7 @@ class SceneBench:
             if first:
                 assert world.solution is not None
                 iterations += world.solution.iterations or 0
-        return times, iterations / steps if first else None
+        return times, iterations / self._batch.steps if first else None
 
 
 def _outcome(case: str, world: gpx.World, times: Sequence[float], iterations: float | None) -> Outcome:
