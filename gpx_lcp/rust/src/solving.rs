@@ -162,7 +162,7 @@ pub trait Stacked {
             whitened: &matrix.values,
             jacobian: self.jacobian(),
             b,
-            largest: presolve::largest(b),
+            largest: exact::largest(b),
             friction,
             law,
             swept,
@@ -321,7 +321,7 @@ impl Stacked for Stack {
 
     fn free_motion(&self) -> Option<Cow<'_, FreeMotion>> {
         // Where no contact is apart, nobody asks.
-        let largest = presolve::largest(&self.b);
+        let largest = exact::largest(&self.b);
         if !presolve::any_apart(&self.b, self.layout.rows, largest) {
             return None;
         }

@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 use super::block_matrix::BlockMatrix;
 use super::linear::BlockLu;
 use super::order::{Contacts, Described};
-use super::small::{Matrix, Vector, ZERO, times};
+use super::small::{Matrix, Vector, ZERO, largest, times};
 
 /// A, as itself or as Ĵ with A = Ĵ Ĵᵀ.
 #[derive(Clone)]
@@ -182,11 +182,7 @@ impl<'a> NewtonSystem<'a> {
         let began = Instant::now();
         self.blocks.copy_from_slice(blocks);
         for ((scale, block), weight) in self.row_scale.iter_mut().zip(blocks).zip(weight) {
-            let largest = block
-                .iter()
-                .flatten()
-                .fold(0.0_f64, |most, value| most.max(value.abs()));
-            *scale = 1.0 / (1.0 + largest * weight);
+            *scale = 1.0 / (1.0 + largest(block.as_flattened()) * weight);
         }
         match self.operator {
             Operator::Impulse(a) => self.assemble_impulse(a),
@@ -248,23 +244,25 @@ impl<'a> NewtonSystem<'a> {
 
     fn assemble_sized<const R: usize, const D: usize>(&mut self, factor: &BlockMatrix) {
         self.start_velocity(D);
+        let lines = factor.values.as_chunks::<D>().0;
+        let values = self.values.as_chunks_mut::<D>().0;
         let mut target = self.targets.iter();
-        for (i, e) in self.blocks.iter().enumerate() {
-            for (_, left) in factor.row(i) {
+        for (range, e) in factor.starts.windows(2).zip(&self.blocks) {
+            let blocks = lines[R * range[0]..R * range[1]].as_chunks::<R>().0;
+            for left in blocks {
                 // Ĵᵀ E of this body, D × R.
                 let mut weighted = [[0.0; R]; D];
                 for (d, line) in weighted.iter_mut().enumerate() {
                     for (r, value) in line.iter_mut().enumerate() {
-                        *value = (0..R).map(|m| left[m * D + d] * e[m][r]).sum();
+                        *value = (0..R).map(|m| left[m][d] * e[m][r]).sum();
                     }
                 }
-                for (_, right) in factor.row(i) {
-                    let at = *target.next().expect("one target for each pair") as usize * D * D;
-                    let block = &mut self.values[at..at + D * D];
-                    for (d, line) in weighted.iter().enumerate() {
-                        for (r, &value) in line.iter().enumerate() {
+                for right in blocks {
+                    let at = *target.next().expect("one target for each pair") as usize * D;
+                    for (sums, line) in values[at..at + D].iter_mut().zip(&weighted) {
+                        for (value, right) in line.iter().zip(right) {
                             for c in 0..D {
-                                block[d * D + c] += value * right[r * D + c];
+                                sums[c] += value * right[c];
                             }
                         }
                     }
@@ -316,11 +314,10 @@ impl<'a> NewtonSystem<'a> {
         let mut last = f64::INFINITY;
         for _ in 0..REFINEMENTS {
             self.operator.apply(x, &mut self.product, &mut self.scratch);
-            for i in 0..g.len() {
-                let change = times(&self.blocks[i], &self.product[i]);
-                for k in 0..3 {
-                    self.residual[i][k] = g[i][k] - x[i][k] - change[k];
-                }
+            let terms = self.blocks.iter().zip(&self.product).zip(g.iter().zip(&*x));
+            for (residual, ((e, product), (g, x))) in self.residual.iter_mut().zip(terms) {
+                let change = times(e, product);
+                *residual = std::array::from_fn(|k| g[k] - x[k] - change[k]);
             }
             let left = self.scaled_norm(&self.residual);
             if !(left > 1e-13 * size && left < 0.5 * last) {

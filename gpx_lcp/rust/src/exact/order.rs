@@ -13,6 +13,8 @@
 use std::cell::Cell;
 use std::cmp::Ordering;
 
+use super::small::largest;
+
 /// Contacts by the bodies they join and the blocks of Ĵ, by B and μ.
 pub struct Contacts<'a> {
     described: Described<'a>,
@@ -166,18 +168,7 @@ fn in_rough_order([one, other]: [&[f64]; 2], grids: [f64; 2]) -> Ordering {
 
 /// A power of two, some millionth of the largest number.
 fn grid(values: &[f64]) -> f64 {
-    // Four at a time, because each waits for the one before.
-    let (fours, rest) = values.as_chunks::<4>();
-    let mut most = [0.0_f64; 4];
-    for four in fours {
-        for k in 0..4 {
-            let value = four[k].abs();
-            most[k] = if value > most[k] { value } else { most[k] };
-        }
-    }
-    let all = most.iter().chain(rest);
-    let largest = all.fold(0.0_f64, |most, value| most.max(value.abs()));
-    let exponent = f64::from_bits(largest.to_bits() & (0x7ff << 52));
+    let exponent = f64::from_bits(largest(values).to_bits() & (0x7ff << 52));
     (exponent * 2.0_f64.powi(-20)).max(f64::MIN_POSITIVE)
 }
 

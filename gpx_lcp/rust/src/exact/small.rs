@@ -29,6 +29,21 @@ pub fn product(a: &Matrix, b: &Matrix) -> Matrix {
     result
 }
 
+/// The largest size of an entry; what is no number does not count.
+pub fn largest(values: &[f64]) -> f64 {
+    // Four at a time, rather than each waiting for the one before.
+    let (fours, rest) = values.as_chunks::<4>();
+    let mut most = [0.0_f64; 4];
+    for four in fours {
+        for k in 0..4 {
+            let value = four[k].abs();
+            most[k] = if value > most[k] { value } else { most[k] };
+        }
+    }
+    let all = most.iter().chain(rest);
+    all.fold(0.0, |most, value| most.max(value.abs()))
+}
+
 /// The 2-norm of a whole field of contact vectors.
 pub fn norm(field: &[Vector]) -> f64 {
     field.iter().map(|a| dot(a, a)).sum::<f64>().sqrt()

@@ -204,15 +204,3 @@ impl<'a, const ROWS: usize, const WIDTH: usize> Shaped<'a, ROWS, WIDTH> {
         &self.0.b[contact as usize * self.rows()..][..self.rows()]
     }
 }
-
-/// The largest size of an entry.
-pub fn largest(values: &[f64]) -> f64 {
-    // Four at a time, rather than each waiting for the one before.
-    let (fours, rest) = values.as_chunks::<4>();
-    let mut most = [0.0_f64; 4];
-    for four in fours {
-        (0..4).for_each(|k| most[k] = most[k].max(four[k].abs()));
-    }
-    let all = most.iter().chain(rest);
-    all.fold(0.0, |most, value| most.max(value.abs()))
-}

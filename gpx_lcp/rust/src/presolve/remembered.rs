@@ -217,7 +217,7 @@ mod tests {
                 jacobian: None,
                 free: None,
                 b: &self.b,
-                largest: super::super::largest(&self.b),
+                largest: crate::exact::largest(&self.b),
                 friction: &self.friction,
                 law: Law::Coulomb,
                 swept: false,

@@ -3,6 +3,7 @@
 //! Pivots are sought inside a front only (never across fronts), so that the symbolic part is made once for a pattern and
 //! serves every Newton step. Too small a pivot is replaced, and counted; the caller refines the solution iteratively.
 
+use super::super::small::largest;
 use super::dense::partial_lu;
 use super::symbolic::Symbolic;
 
@@ -17,6 +18,8 @@ pub struct BlockLu {
     inverses: Vec<f64>,
     exchanges: Vec<u32>,
     front: Vec<f64>,
+    /// Where nodes stand in the front.
+    local: Vec<u32>,
     /// Schur complements that wait for their parents, a stack.
     stack: Vec<f64>,
     permuted: Vec<f64>,
@@ -43,6 +46,7 @@ impl BlockLu {
             inverses: vec![0.0; scalars],
             exchanges: vec![0; scalars],
             front: vec![0.0; largest * largest],
+            local: vec![0; symbolic.position.len()],
             stack: Vec::new(),
             permuted: vec![0.0; scalars],
             gathered: vec![0.0; largest],
@@ -83,16 +87,13 @@ impl BlockLu {
     #[inline(always)]
     fn factor_blocks(&mut self, block: usize, values: &[f64]) -> usize {
         let area = block * block;
-        let largest = values
-            .iter()
-            .fold(0.0_f64, |most, value| most.max(value.abs()));
-        let floor = (1e-15 * largest).max(f64::MIN_POSITIVE.sqrt());
+        let floor = (1e-15 * largest(values)).max(f64::MIN_POSITIVE.sqrt());
         let mut replaced = 0;
         self.stack.clear();
         let supernodes = &self.symbolic.supernodes;
         // (supernode, start in the stack) of the Schur complements not yet assembled.
         let mut waiting: Vec<(usize, usize)> = Vec::new();
-        let mut local = vec![0_u32; self.symbolic.position.len()];
+        let local = &mut self.local;
         for (index, supernode) in supernodes.iter().enumerate() {
             let (width, size) = (supernode.width() * block, supernode.size() * block);
             let front = &mut self.front[..size * size];
@@ -207,7 +208,10 @@ impl BlockLu {
             let (pivots, rest) = tail.split_at_mut(width);
             let exchanges = &self.exchanges[first * B..][..width * B];
             for (k, &other) in exchanges.iter().enumerate() {
-                pivots.as_flattened_mut().swap(k, other as usize);
+                // Seldom, and what was stored last would be waited for.
+                if other as usize != k {
+                    pivots.as_flattened_mut().swap(k, other as usize);
+                }
             }
             for j in 0..width {
                 let mut own = pivots[j];
