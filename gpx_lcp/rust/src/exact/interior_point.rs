@@ -22,6 +22,7 @@
 mod fold;
 
 use super::cones::{Scaling, jordan, jordan_divide, step_to_boundary};
+use super::infeasibility::is_ruled_out;
 use super::newton_system::NewtonSystem;
 use super::problem::{Best, Limits, Problem};
 use super::small::{IDENTITY, Matrix, Vector, ZERO, dot, product, tangent_norm, times};
@@ -90,7 +91,7 @@ pub fn interior_point(
     let (mut reference, mut idle, mut lost) = ((f64::INFINITY, f64::INFINITY), 0, 0);
     let mut step = 0;
     loop {
-        point.update(problem);
+        best.is_feasible |= point.update(problem);
         best.offer(step, &point.impulse, point.residual);
         if point.residual < 0.9 * reference.0 || point.tau < 0.7 * reference.1 {
             reference = (point.residual.min(reference.0), point.tau.min(reference.1));
@@ -197,13 +198,14 @@ impl Point {
         }
     }
 
-    /// Velocities, residuals and the coupling T at the present r and z.
-    fn update(&mut self, problem: &Problem) {
+    /// Velocities, residuals and the coupling T at the present r and z; returns whether they rule out infeasibility.
+    fn update(&mut self, problem: &Problem) -> bool {
         for ((p, r), s) in self.impulse.iter_mut().zip(&self.r).zip(&self.s) {
             *p = [r[0] * s[0], r[1] * s[1], r[2] * s[2]];
         }
         problem.velocity(&self.impulse, &mut self.u, &mut self.scratch);
         self.residual = problem.natural_map(&self.impulse, &self.u);
+        let is_feasible = is_ruled_out(problem, &self.impulse, &self.u);
         let products: f64 = self
             .r
             .iter()
@@ -230,6 +232,7 @@ impl Point {
                 ZERO
             };
         }
+        is_feasible
     }
 
     /// Whether r and z are strictly inside their cones, by more than rounding.

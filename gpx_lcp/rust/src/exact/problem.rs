@@ -286,6 +286,8 @@ pub struct Best {
     pub residual: f64,
     /// (Newton steps taken, best residual until then).
     pub history: Vec<(usize, f64)>,
+    /// Whether any impulses that were seen show that there is no proof of infeasibility.
+    pub is_feasible: bool,
 }
 
 impl Best {
@@ -298,11 +300,13 @@ impl Best {
             impulse,
             residual,
             history: vec![(0, residual)],
+            is_feasible: false,
         }
     }
 
     /// Takes over what a later stage found, `before` Newton steps into the whole.
     pub fn absorb(&mut self, other: Self, before: usize) {
+        self.is_feasible |= other.is_feasible;
         for &(steps, residual) in other
             .history
             .iter()

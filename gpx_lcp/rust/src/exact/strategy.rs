@@ -143,7 +143,7 @@ pub fn solve(problem: &Problem, method: Method, limits: &Limits, start: Option<&
         }
         if matches!(stage, Stage::Proof) {
             asked = true;
-            ray = certificate(&problem.without_coupling());
+            ray = proof(problem, &best);
             if ray.is_some() {
                 break;
             }
@@ -167,7 +167,7 @@ pub fn solve(problem: &Problem, method: Method, limits: &Limits, start: Option<&
     }
     let solved = best.residual <= limits.tolerance;
     if !solved && !asked {
-        ray = certificate(&problem.without_coupling());
+        ray = proof(problem, &best);
     }
     let status = if solved {
         Status::Solved
@@ -196,6 +196,14 @@ pub fn solve(problem: &Problem, method: Method, limits: &Limits, start: Option<&
         fallbacks,
         infeasibility: ray.map(|ray| problem.to_caller(&ray)),
     }
+}
+
+/// The proof that the problem has no solution, where there may be one.
+fn proof(problem: &Problem, best: &Best) -> Option<Vec<Vector>> {
+    if best.is_feasible {
+        return None;
+    }
+    certificate(&problem.without_coupling())
 }
 
 struct Run<'a> {
