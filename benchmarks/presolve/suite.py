@@ -82,7 +82,7 @@ class Presolve:
         for column in ("scene", "case", "method", "threads"):
             table.add_column(column, no_wrap=True)
         table.add_column("removed by")
-        for column in ("rows", "velocities", "iterations", "as asked ms", "ms", "gain"):
+        for column in ("rows", "velocities", "iterations", "asked ms", "ms", "gain"):
             table.add_column(column, justify="right", no_wrap=True)
         for record, plain in pairs(records):
             table.add_row(
