@@ -30,12 +30,13 @@
 //! A convex law has one velocity, so that it is the same with and without presolve. Coulomb's law may have several exact
 //! solutions; then presolve may choose another one of them.
 //!
-//! `islands` cuts the system apart, `resting` leaves those alone that start from a solution, `inactive` leaves out contacts
-//! that no solution pushes shut and `redundant` those that others keep open, each by a theorem of its own. `collinear`,
-//! `planar`, `translational` and `spatial` each propose groups, frames and subspaces for an island, the smallest first, and
-//! `lift` puts the proposal to (a), (b) and (c), whoever made it: what fails by more than rounding is not reduced. `single`
-//! and `chain` need no iteration at all, and `remembered` keeps what they were found by for the next step. Of a system given by A, islands, inactive contacts, rows without friction and
-//! single contacts are read from its blocks.
+//! `islands` cuts the system apart, `resting` leaves those alone that start from a solution, `inactive` leaves out
+//! contacts that no solution pushes shut and `redundant` those that others keep open, each by a theorem of its own.
+//! `collinear`, `planar`, `translational` and `spatial` each propose groups, frames and subspaces for an island, the
+//! smallest first, and `lift` puts the proposal to (a), (b) and (c), whoever made it: what fails by more than rounding
+//! is not reduced. `single` and `chain` need no iteration at all, and `remembered` keeps what they were found by for
+//! the next step. Of a system given by A, islands, inactive contacts, rows without friction and single contacts are
+//! read from its blocks.
 
 mod chain;
 mod collinear;
