@@ -48,7 +48,7 @@ tower whose load changes, to the last bit of Ĵ, only B is looked at. That chang
 
 Of a system given by A alone islands, inactive contacts, rows without friction and single contacts are found; it has
 no velocities to count. Not reduced: contacts with friction that others keep open by Coulomb's law, where the load moves
-the friction with it.
+the friction with it; and the tangents of single contacts without friction in an island that has some.
 
 `newton` and `interior_point` do this, each part to its share of the tolerance, and so does `pgs`, until all parts are
 within that of the whole. A sweep costs little where there is little to do, so that `pgs` takes a system apart only for
