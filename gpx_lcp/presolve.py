@@ -61,7 +61,8 @@ Every other solver, be it `lemke`, `osqp` or `clarabel`, is given what is left o
 share of the tolerance. One whose time grows faster than the number of unknowns, as that of dense methods does, solves
 the parts one by one (`apart` in its row of the table); any other those of one shape as one, as one more call costs it
 more than a larger matrix. Their unknowns are impulses: where only velocities would be fewer, they take the system as it
-is. Where nothing is left they are not called, and a setting that only they know goes unread.
+is. Where nothing is left, or all that is left starts from a solution, they are not called, and a setting that only they
+know goes unread.
 """
 
 from __future__ import annotations

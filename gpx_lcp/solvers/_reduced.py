@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from operator import itemgetter
 from time import perf_counter
 from typing import Any, Final
 
@@ -34,7 +35,7 @@ def presolving(row: Solver) -> Solver:
     Each part has `max_iterations` to itself, and `iterations` are the most of any part; the time is that of all
     together. The status is the worst. Of several parts, `extras["parts"]` has the extras of each. Where all parts are
     solved and the whole is not, at tolerances near rounding, the whole has the last word; it starts from what the parts
-    have found, if the solver can.
+    have found, if the solver can. What starts from a solution keeps it, or no impulses where these are none worse.
     """
 
     def run(request: Request) -> Outcome:
@@ -47,7 +48,7 @@ def presolving(row: Solver) -> Solver:
         # Closed forms are part of it: it counts as solving, as it does in the core.
         solving = perf_counter() - handed
         if reduced is None or _is_as_large(request, reduced[1]):
-            return row.run(request)
+            return _run(row, request, began)
         impulse, parts, summary = reduced
         requests = [_request(request, part) for part in parts]
         seconds = perf_counter() - began - solving, solving
@@ -59,7 +60,7 @@ def presolving(row: Solver) -> Solver:
         if _is_solved(request, whole) or not all(map(_is_solved, requests, outcomes)):
             return whole
         again = _run(row, replace(request, warm_start=impulse if row.warm_starts else None), began)
-        better = min(whole, again, key=lambda outcome: _residual(request, outcome))
+        better = min(whole, again, key=lambda outcome: _residual(request, outcome.impulse))
         return replace(
             better,
             setup_seconds=whole.setup_seconds + again.setup_seconds,
@@ -96,24 +97,33 @@ def _system(part: _core.Part) -> StackedSystem:
 
 def _run(row: Solver, request: Request, began: float) -> Outcome:
     """Run the solver, where there is something to do and time left for it."""
-    nothing = np.zeros((request.system.contacts, request.system.rows))
+
+    def at_once(impulse: Array, status: Status, seconds: float = 0.0) -> Outcome:
+        return Outcome(impulse.copy(), status, request.formulation, 0, 0.0, seconds)
+
+    nothing, start = np.zeros((request.system.contacts, request.system.rows)), request.warm_start
     if request.tolerance >= WITHOUT_IMPULSES or not request.system.B.any():
-        return Outcome(nothing, Status.SOLVED, request.formulation, 0, 0.0, 0.0)
+        return at_once(nothing, Status.SOLVED)
+    if start is not None:
+        judged = perf_counter()
+        # Impulses that do nothing but hold each other are not kept.
+        residual, kept = min(((_residual(request, p), p) for p in (nothing, start)), key=itemgetter(0))
+        if residual <= request.tolerance:
+            return at_once(kept, Status.SOLVED, perf_counter() - judged)
     if request.time_limit is None:
         return row.run(request)
     left = request.time_limit - (perf_counter() - began)
     if left <= 0.0:
-        start = nothing if request.warm_start is None else request.warm_start
-        return Outcome(start, Status.MAX_ITERATIONS, request.formulation, 0, 0.0, 0.0)
+        return at_once(nothing if start is None else start, Status.MAX_ITERATIONS)
     return row.run(replace(request, time_limit=left))
 
 
-def _residual(request: Request, outcome: Outcome) -> float:
-    return program_residual(request.system, outcome.program, outcome.impulse, request.facets)
+def _residual(request: Request, impulse: Array) -> float:
+    return program_residual(request.system, request.formulation, impulse, request.facets)
 
 
 def _is_solved(request: Request, outcome: Outcome) -> bool:
-    return _residual(request, outcome) <= request.tolerance
+    return _residual(request, outcome.impulse) <= request.tolerance
 
 
 def _joined(

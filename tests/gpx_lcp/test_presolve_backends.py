@@ -213,20 +213,49 @@ def test_a_start_is_that_of_the_parts():
     solution = gpx.solve(system, "normal", "lemke", tolerance=1e-12)
     cold, warm = Recorder(warm_starts=True), Recorder(warm_starts=True)
     cold(system)
-    warm(system, warm_start=solution.impulse)
-    assert all(request.warm_start is None for request in cold.asked)
-    for request in warm.asked:
-        assert program_residual(request.system, "normal", request.warm_start, 8) <= 1e-11
+    warm(system, warm_start=2.0 * solution.impulse)
+    assert [request.warm_start for request in cold.asked] == [None]
+    (request,) = warm.asked
+    assert program_residual(request.system, "normal", 0.5 * request.warm_start, 8) <= 1e-11
+
+
+def test_what_starts_from_a_solution_keeps_it():
+    system = blocks(0, [40, 50])
+    solution = gpx.solve(system, "normal", "lemke", tolerance=1e-12)
+    solver = Recorder(apart=True, warm_starts=True)
+    kept = solver(system, warm_start=solution.impulse)
+    assert (solver.asked, kept.iterations, kept.status) == ([], 0, gpx.Status.SOLVED)
+    np.testing.assert_array_equal(kept.impulse, solution.impulse)
+    # The second block has none.
+    start = np.vstack((solution.impulse[:40], np.zeros((50, 3))))
+    found = solver(system, warm_start=start)
+    assert [request.system.contacts for request in solver.asked] == [50]
+    np.testing.assert_array_equal(found.impulse[:40], solution.impulse[:40])
+    np.testing.assert_allclose(found.impulse[40:], solution.impulse[40:], atol=1e-7)
+    as_asked = Recorder(warm_starts=True)
+    as_asked(system, warm_start=solution.impulse, presolve=False)
+    assert len(as_asked.asked) == 1
+
+
+def test_a_start_that_does_nothing_but_hold_itself_is_not_kept():
+    """Two walls hold a body between them that hardly moves towards one; a third contact opens."""
+    matrix = [[1.0, -1.0, 0.1], [-1.0, 1.0, -0.1], [0.1, -0.1, 1.0]]
+    system, solver = gpx.StackedSystem(matrix, [1e-9, 0.0, -1.0], np.zeros(3)), Recorder(warm_starts=True)
+    outcome = solver(system, warm_start=np.array([[1.0], [1.0], [0.0]]))
+    assert (solver.asked, outcome.status) == ([], gpx.Status.SOLVED)
+    assert not outcome.impulse.any()
 
 
 @pytest.mark.parametrize("name", [name for name in BACKENDS if gpx.solvers()[name].warm_starts])
 def test_a_warm_start_is_a_good_start(name):
     system = gpx.World(gpx.scenes.wall(6), time_step=STEP).system()
     cold = gpx.solve(system, "normal", name)
-    warm = gpx.solve(system, "normal", name, warm_start=cold.impulse)
+    warm = gpx.solve(system, "normal", name, warm_start=1.001 * cold.impulse)
     assert warm.presolve is not None
     assert warm.status is gpx.Status.SOLVED
-    assert warm.iterations <= cold.iterations
+    assert warm.iterations <= max(cold.iterations, 2)
+    again = gpx.solve(system, "normal", name, warm_start=warm.impulse)
+    assert (again.status, again.iterations) == (gpx.Status.SOLVED, 0)
 
 
 def test_limits_are_those_of_each_part_and_of_all():
