@@ -22,7 +22,7 @@ use crate::team::{Team, front};
 /// Visits of a piece of work, at least: two microseconds, so that taking it costs little.
 const PIECE: usize = 16;
 /// States of a piece of work.
-const STATES: usize = 1024;
+const STATES: usize = 128;
 
 /// w of one body, √kg m/s, filled up with zeros.
 type State = Oct;
@@ -238,15 +238,18 @@ impl<'a, const R: usize, const D: usize, L: Law<R>, S: Rows<R, D>> Abreast<'a, R
         }
     }
 
-    /// Make the batches from `first` on a colour, cut where PIECE visits are full.
+    /// Make the batches from `first` on a colour, in a power of two of pieces of much the same size: of which each thread has
+    /// as many. Who takes a piece from another thread waits for the cache lines that it was written in.
     pub fn end_colour(&mut self, first: usize) {
-        let mut pieces = Vec::new();
-        let (mut begin, mut visits) = (first, 0);
-        for (at, batch) in self.batches.iter().enumerate().skip(first) {
-            visits += batch.visits.len();
-            if visits >= PIECE || at + 1 == self.batches.len() {
-                pieces.push(begin..at + 1);
-                (begin, visits) = (at + 1, 0);
+        let batches = &self.batches[first..];
+        let visits: usize = batches.iter().map(|batch| batch.visits.len()).sum();
+        let count = 1 << (visits / PIECE).max(1).ilog2();
+        let (mut pieces, mut begin, mut done) = (Vec::with_capacity(count), first, 0);
+        for (at, batch) in batches.iter().enumerate() {
+            done += batch.visits.len();
+            if done * count >= (pieces.len() + 1) * visits {
+                pieces.push(begin..first + at + 1);
+                begin = first + at + 1;
             }
         }
         self.colours.push(pieces);

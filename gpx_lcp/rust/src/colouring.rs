@@ -3,7 +3,8 @@
 //! Contacts of the same two bodies form a group, whose contacts are visited one after the other. Groups get colours, each
 //! the first that neither of its bodies has yet, so that the groups of one colour share no body; the order of groups is
 //! that of their first contacts, so that the colours depend on the system alone. A body that never moves is in no column
-//! of Ĵ and keeps nobody apart. Groups of one colour go eight abreast, long ones with long ones.
+//! of Ĵ and keeps nobody apart. Groups of one colour go eight abreast, long ones with long ones, and batches in the order of
+//! their bodies: threads that share each colour then have much the same bodies in all of them.
 
 use smallvec::{SmallVec, smallvec};
 
@@ -62,10 +63,10 @@ pub fn coloured(pairs: &[[u32; 2]]) -> Vec<Vec<Batch>> {
         .into_iter()
         .map(|mut groups| {
             groups.sort_by_key(|group| std::cmp::Reverse(group.len()));
-            groups
-                .chunks(LANES)
-                .map(|abreast| batch(abreast, pairs))
-                .collect()
+            let batches = groups.chunks(LANES).map(|abreast| batch(abreast, pairs));
+            let mut batches: Vec<Batch> = batches.collect();
+            batches.sort_by_key(|batch| batch.bodies.iter().flatten().copied().min());
+            batches
         })
         .collect()
 }

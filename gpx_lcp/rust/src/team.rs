@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::thread;
 
 /// Turns of waiting before a thread lets others run.
-const SPINS: usize = 2000;
+const SPINS: usize = 20_000;
 
 type Job<'a> = dyn Fn(usize) + Sync + 'a;
 
@@ -32,11 +32,18 @@ struct Board {
     /// Pieces of the present job.
     pieces: AtomicUsize,
     job: UnsafeCell<Option<*const Job<'static>>>,
+    /// Jobs so far: what who waits for one looks at, and nobody writes to meanwhile.
+    jobs: Jobs,
     /// There will be no more jobs.
     over: AtomicBool,
     /// A piece of the present job has panicked.
     broken: AtomicBool,
 }
+
+/// On a cache line of its own.
+#[derive(Default)]
+#[repr(align(128))]
+struct Jobs(AtomicUsize);
 
 /// What a thread takes first, and what it has done: on cache lines of its own, which no other needs before it is idle.
 #[derive(Default)]
@@ -59,6 +66,7 @@ impl Team<'_, '_> {
             shares: (0..size).map(|_| Share::default()).collect(),
             pieces: AtomicUsize::new(0),
             job: UnsafeCell::new(None),
+            jobs: Jobs::default(),
             over: AtomicBool::new(false),
             broken: AtomicBool::new(false),
         };
@@ -128,6 +136,7 @@ impl Team<'_, '_> {
             let offered = (length as u64) << 32;
             share.pieces.store(offered, Ordering::Release);
         }
+        board.jobs.0.fetch_add(1, Ordering::Release);
         while board.take_piece(0) {}
         let mut waiting = Waiting::default();
         while board.done() < pieces {
@@ -151,13 +160,15 @@ impl Board {
     }
 
     fn help(&self, thread: usize) {
-        let mut waiting = Waiting::default();
+        let (mut seen, mut waiting) = (0, Waiting::default());
         while !self.over.load(Ordering::Acquire) {
-            if self.take_piece(thread) {
-                waiting = Waiting::default();
-            } else {
+            let jobs = self.jobs.0.load(Ordering::Acquire);
+            if jobs == seen {
                 waiting.turn();
+                continue;
             }
+            (seen, waiting) = (jobs, Waiting::default());
+            while self.take_piece(thread) {}
         }
     }
 
@@ -218,9 +229,8 @@ struct Waiting(usize);
 impl Waiting {
     fn turn(&mut self) {
         self.0 += 1;
-        if self.0 < SPINS {
-            std::hint::spin_loop();
-        } else {
+        // Without a pause: a hypervisor sees those, and takes the processor away for longer than a colour takes.
+        if self.0 >= SPINS {
             thread::yield_now();
         }
     }
