@@ -21,8 +21,6 @@ use crate::team::{Team, front};
 
 /// Visits of a piece of work, at least: two microseconds, so that taking it costs little.
 const PIECE: usize = 16;
-/// States of a piece of work.
-const STATES: usize = 128;
 
 /// w of one body, √kg m/s, filled up with zeros.
 type State = Oct;
@@ -76,6 +74,8 @@ pub unsafe fn line<V: OctLanes>(rows: &[MaybeUninit<Oct>], at: usize) -> V {
 pub struct Batch {
     pub bodies: [[u32; LANES]; 2],
     pub visits: Range<usize>,
+    /// One in the lanes whose bodies no batch before has.
+    pub first: [Oct; 2],
 }
 
 /// Where visits are written side by side, by several threads. Rows that visits share leave some of theirs unused.
@@ -167,10 +167,10 @@ pub struct Abreast<'a, const R: usize, const D: usize, L: Law<R>, S: Rows<R, D>>
     before: Vec<[Oct; R]>,
 }
 
-/// What a team does with all visits, or all states.
+/// What a team does with all visits.
 #[derive(Clone, Copy)]
 enum Task {
-    /// Take the steps from y = p + β (p - x), and find d (p' - y)·(p' - p), p' being where they lead.
+    /// Take the steps from y = p + β (p - x), with w + β (w - Ĵᵀ x), and find d (p' - y)·(p' - p), p' being where they lead.
     Sweep {
         relaxation: f64,
         momentum: Option<f64>,
@@ -179,8 +179,6 @@ enum Task {
     Gather,
     /// Find the squares of the natural map.
     Judge,
-    /// Go on from w + β (w - Ĵᵀ x), which is x from now on.
-    Carry { beta: f64 },
 }
 
 /// What lanes carry from visit to visit of a batch.
@@ -288,7 +286,6 @@ impl<'a, const R: usize, const D: usize, L: Law<R>, S: Rows<R, D>> Abreast<'a, R
     }
 
     fn perform(&mut self, task: Task, team: &Team) {
-        let states = self.states.len();
         let work = Work::<R, D, L, S> {
             law: self.law,
             kind: PhantomData,
@@ -304,12 +301,6 @@ impl<'a, const R: usize, const D: usize, L: Law<R>, S: Rows<R, D>> Abreast<'a, R
             states_before: self.states_before.as_mut_ptr(),
             before: self.before.as_mut_ptr(),
         };
-        if let Task::Carry { .. } = task {
-            team.run(states.div_ceil(STATES), &|piece| {
-                work.run(task, STATES * piece..states.min(STATES * (piece + 1)));
-            });
-            return;
-        }
         for pieces in &self.colours {
             team.run(pieces.len(), &|piece| work.run(task, pieces[piece].clone()));
         }
@@ -357,7 +348,7 @@ fn perform_wide<const R: usize, const D: usize, L: Law<R>, S: Rows<R, D>>(
 
 /// Inlined, with all it calls in a sweep, so that it is compiled for the processor of the function around it.
 impl<const R: usize, const D: usize, L: Law<R>, S: Rows<R, D>> Work<'_, R, D, L, S> {
-    /// Do a task for some batches, or states, with what this processor has.
+    /// Do a task for some batches, with what this processor has.
     fn run(&self, task: Task, part: Range<usize>) {
         // SAFETY: the processor has just said that it has what the function is compiled for.
         #[cfg(target_arch = "x86_64")]
@@ -371,7 +362,7 @@ impl<const R: usize, const D: usize, L: Law<R>, S: Rows<R, D>> Work<'_, R, D, L,
         }
     }
 
-    /// Do a task for the lanes of a batch, or of a state.
+    /// Do a task for the lanes of a batch.
     #[inline(always)]
     fn perform<V: OctLanes>(&self, task: Task, number: usize) {
         match task {
@@ -381,13 +372,12 @@ impl<const R: usize, const D: usize, L: Law<R>, S: Rows<R, D>> Work<'_, R, D, L,
             } => self.visit::<V>(number, relaxation, momentum),
             Task::Gather => self.gather::<V>(number),
             Task::Judge => self.judge::<V>(number),
-            Task::Carry { beta } => self.carry::<V>(number, beta),
         }
     }
 
     #[inline(always)]
     fn visit<V: OctLanes>(&self, number: usize, relaxation: f64, momentum: Option<f64>) {
-        let mut all = self.begin::<V>(number);
+        let mut all = self.begin::<V>(number, momentum);
         for at in self.batches[number].visits.clone() {
             self.visit_one(at, relaxation, momentum, &mut all);
         }
@@ -402,7 +392,8 @@ impl<const R: usize, const D: usize, L: Law<R>, S: Rows<R, D>> Work<'_, R, D, L,
         relaxation: f64,
         momentum: Option<f64>,
     ) {
-        let (mut one, mut other) = (self.begin::<V>(number), self.begin::<W>(number));
+        let mut one = self.begin::<V>(number, momentum);
+        let mut other = self.begin::<W>(number, momentum);
         for at in self.batches[number].visits.clone() {
             self.visit_one(at, relaxation, momentum, &mut one);
             self.visit_one(at, relaxation, momentum, &mut other);
@@ -412,11 +403,38 @@ impl<const R: usize, const D: usize, L: Law<R>, S: Rows<R, D>> Work<'_, R, D, L,
     }
 
     #[inline(always)]
-    fn begin<V: OctLanes>(&self, number: usize) -> Carried<V, D> {
+    fn begin<V: OctLanes>(&self, number: usize, momentum: Option<f64>) -> Carried<V, D> {
+        let batch = &self.batches[number];
+        let mut states = self.load(self.states, batch);
+        if let Some(beta) = momentum {
+            for side in 0..2 {
+                self.carry(batch, side, beta, &mut states[side]);
+            }
+        }
         Carried {
-            states: self.load(self.states, &self.batches[number]),
+            states,
             agreement: V::splat(0.0),
         }
+    }
+
+    /// Go on from w + β (w - Ĵᵀ x) with the bodies on one side that this sweep has not come to yet, and keep their w.
+    #[inline(always)]
+    fn carry<V: OctLanes>(&self, batch: &Batch, side: usize, beta: f64, states: &mut [V; D]) {
+        let first = V::load(&batch.first[side]).at_least(V::splat(1.0));
+        if V::bits(first) == 0 {
+            return;
+        }
+        let places = places(self.states_before, &batch.bodies[side]);
+        // SAFETY: in this colour the bodies are this batch's.
+        let mut before = unsafe { V::gathered(&places) };
+        for d in 0..D {
+            let (now, last) = (states[d], before[d]);
+            let ahead = now.plus_product(V::splat(beta), now - last);
+            states[d] = now.replaced(first, ahead);
+            before[d] = last.replaced(first, now);
+        }
+        // SAFETY: as above.
+        unsafe { V::scatter(&before, &places) };
     }
 
     #[inline(always)]
@@ -533,17 +551,6 @@ impl<const R: usize, const D: usize, L: Law<R>, S: Rows<R, D>> Work<'_, R, D, L,
     }
 
     #[inline(always)]
-    fn carry<V: OctLanes>(&self, at: usize, beta: f64) {
-        // SAFETY: this state is this thread's.
-        let (state, before) =
-            unsafe { (&mut *self.states.add(at), &mut *self.states_before.add(at)) };
-        let now = V::load(state);
-        now.plus_product(V::splat(beta), now - V::load(before))
-            .store(state);
-        now.store(before);
-    }
-
-    #[inline(always)]
     fn velocity<V: OctLanes>(
         &self,
         at: usize,
@@ -596,12 +603,9 @@ impl<const R: usize, const D: usize, L: Law<R>, S: Rows<R, D>> Sweeper<R>
     for Abreast<'_, R, D, L, S>
 {
     fn sweep(&mut self, team: &Team, relaxation: f64, momentum: Option<f64>) -> f64 {
-        if let Some(beta) = momentum {
-            if self.before.is_empty() {
-                self.before = self.visits.iter().map(|visit| visit.impulse).collect();
-                self.states_before.clone_from(&self.states);
-            }
-            self.perform(Task::Carry { beta }, team);
+        if momentum.is_some() && self.before.is_empty() {
+            self.before = self.visits.iter().map(|visit| visit.impulse).collect();
+            self.states_before.clone_from(&self.states);
         }
         let task = Task::Sweep {
             relaxation,

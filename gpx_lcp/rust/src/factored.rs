@@ -4,7 +4,7 @@
 //! visited side by side in the lanes of a register. What a sweep reads lies in the order in which it is read: blocks of Ĵ
 //! whatever they are, or what `arms` needs of contacts between rigid bodies.
 
-use std::mem::MaybeUninit;
+use std::mem::{MaybeUninit, replace};
 use std::ops::Range;
 
 use crate::abreast::{Abreast, Batch, Place, Room, Rows, line};
@@ -135,12 +135,19 @@ impl<const R: usize, const D: usize, S: Source<R, D>> Delassus<R> for Factored<'
         let colours = coloured(&pairs);
         let mut slots = self.whitened.block_columns;
         let mut visits = 0;
+        let mut seen = vec![false; slots];
         for colour in &colours {
             let first = sweeper.batches.len();
             for batch in colour {
                 let begin = visits;
                 visits += batch.contacts.len();
                 let mut bodies = batch.bodies;
+                let first = bodies.map(|side| {
+                    Oct(side.map(|body| {
+                        let seen = seen.get_mut(body as usize).map(|seen| replace(seen, true));
+                        f64::from(u8::from(seen == Some(false)))
+                    }))
+                });
                 // What stands still has a state of its own in every lane, which stays zero.
                 for body in bodies.iter_mut().flatten().filter(|body| **body == NONE) {
                     *body = slots as u32;
@@ -149,6 +156,7 @@ impl<const R: usize, const D: usize, S: Source<R, D>> Delassus<R> for Factored<'
                 sweeper.batches.push(Batch {
                     bodies,
                     visits: begin..visits,
+                    first,
                 });
             }
             sweeper.end_colour(first);
