@@ -5,7 +5,7 @@ use std::array::from_fn;
 use std::ops::Range;
 
 use crate::contact::Law;
-use crate::exact;
+use crate::exact::{self, largest};
 use crate::friction_cone::{ConvexCone, Coulomb, project};
 use crate::polygon::Polygon;
 use crate::presolve::size;
@@ -162,8 +162,8 @@ impl Program {
             };
             if inside != given {
                 // All before were left as they are.
-                size.get_or_insert_with(|| largest(impulse.iter().copied()));
-                moved = moved.max(largest((0..3).map(|r| inside[r] - given[r])));
+                size.get_or_insert_with(|| largest(impulse));
+                moved = moved.max(largest(&from_fn::<_, 3, _>(|r| inside[r] - given[r])));
                 impulse[rows * k..rows * (k + 1)].copy_from_slice(&inside[..rows]);
             }
         }
@@ -217,10 +217,6 @@ fn project_pyramid(friction: f64, corners: &[[f64; 2]], x: &[f64; 3]) -> [f64; 3
     candidates
         .min_by(|one, other| distance(one).total_cmp(&distance(other)))
         .unwrap_or([0.0; 3])
-}
-
-fn largest(values: impl Iterator<Item = f64>) -> f64 {
-    values.fold(0.0, |most, value| most.max(value.abs()))
 }
 
 /// What the natural maps of all contacts are worked out from.

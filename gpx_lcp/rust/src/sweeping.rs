@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use crate::contact::Law;
 use crate::delassus::{BlockRows, Delassus};
-use crate::exact::BlockMatrix;
+use crate::exact::{BlockMatrix, largest};
 use crate::explicit::Explicit;
 use crate::factored::{Blocks, Factored, Source};
 use crate::friction_cone::{ConvexCone, Coulomb};
@@ -146,7 +146,7 @@ impl Question<'_> {
         } = self.system;
         let (rows, contacts) = (self.system.matrix.height, friction.len());
         // p is proportional to B. A power of two changes no digit, and keeps squares of tiny or huge velocities finite.
-        let unit = power_of_two_above(b.iter().fold(0.0, |most, value| value.abs().max(most)));
+        let unit = power_of_two_above(largest(b));
         let first_rows = |values: &[f64]| -> Vec<Vector<R>> {
             let contacts = values.chunks_exact(rows);
             contacts.map(|row| from_fn(|r| row[r] / unit)).collect()

@@ -18,7 +18,7 @@ use super::cones::project;
 use super::newton_system::{NewtonSystem, Operator};
 use super::problem::Problem;
 use super::proximal_newton::single_step;
-use super::small::{IDENTITY, Vector, ZERO, dot, norm};
+use super::small::{IDENTITY, Vector, ZERO, dot, largest, norm};
 
 const TRUST: f64 = 1e8;
 /// Impulses up to that size, where velocities are of size one, are ruled out by an accepted proof: a weight of 10⁷ on a
@@ -73,10 +73,7 @@ fn far_steps(problem: &Problem) -> Option<Vec<Vector>> {
         .zip(&problem.friction)
         .map(|((p, q), &mu)| project(&std::array::from_fn(|r| p[r] - q[r]), mu, &mut unused))
         .collect();
-    let size = ray
-        .iter()
-        .flatten()
-        .fold(0.0_f64, |most, value| most.max(value.abs()));
+    let size = largest(ray.as_flattened());
     if size == 0.0 || !size.is_finite() {
         return None;
     }

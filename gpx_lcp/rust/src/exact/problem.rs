@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use super::block_matrix::ShapeError;
 use super::cones::project;
 use super::newton_system::Operator;
-use super::small::{IDENTITY, Matrix, Vector, ZERO, dot, norm, tangent_norm};
+use super::small::{IDENTITY, Matrix, Vector, ZERO, dot, largest, norm, tangent_norm};
 
 /// The law that the impulses obey.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -127,20 +127,20 @@ impl Problem {
         if let Some(order) = &order {
             operator = operator.in_order(order);
         }
-        let largest = |diagonal: &[Vector]| -> Vec<f64> {
+        let weights = |diagonal: &[Vector]| -> Vec<f64> {
             diagonal
                 .iter()
                 .map(|d| d.iter().fold(0.0_f64, |most, &value| most.max(value)))
                 .collect()
         };
-        let mean = largest(&operator.diagonal()).iter().sum::<f64>() / contacts.max(1) as f64;
+        let mean = weights(&operator.diagonal()).iter().sum::<f64>() / contacts.max(1) as f64;
         let matrix_unit = if mean > 0.0 { mean } else { 1.0 };
         operator.scale(1.0 / matrix_unit);
         let mut field = vec![ZERO; contacts];
         for (i, vector) in field.iter_mut().enumerate() {
             vector[..rows].copy_from_slice(&b[from(i) * rows..][..rows]);
         }
-        let most = b.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
+        let most = largest(b);
         let most = if most > 0.0 { most } else { 1.0 };
         field.iter_mut().flatten().for_each(|value| *value /= most);
         let size = norm(&field) / (contacts.max(1) as f64).sqrt();
@@ -148,7 +148,7 @@ impl Problem {
         field.iter_mut().flatten().for_each(|value| *value /= size);
         let diagonal = operator.diagonal();
         Ok(Self {
-            weight: largest(&diagonal),
+            weight: weights(&diagonal),
             diagonal,
             b_norm: norm(&field),
             impulse_unit: most * size / matrix_unit,

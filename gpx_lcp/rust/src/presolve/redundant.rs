@@ -20,7 +20,7 @@
 //! every point within is written by the three corners of a triangle, or by two on an edge; (a) and (b) are then checked to
 //! rounding. The corners carry the load; duplicates of a corner stay, and share with it.
 
-use crate::exact::Law;
+use crate::exact::{Law, largest};
 
 use super::lift::{dot, size, within};
 use super::{ROUNDING, View};
@@ -194,10 +194,7 @@ fn hull(points: &[[f64; 2]], target: impl Fn(usize) -> f64) -> Vec<usize> {
         return order;
     }
     // What turns by rounding alone is straight.
-    let extent = points
-        .iter()
-        .flatten()
-        .fold(0.0_f64, |most, x| most.max(x.abs()));
+    let extent = largest(points.as_flattened());
     let straight = ROUNDING * extent * extent;
     let half = |points_in_order: &mut dyn Iterator<Item = usize>| {
         let mut chain: Vec<usize> = Vec::new();
