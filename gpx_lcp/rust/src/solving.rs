@@ -348,7 +348,7 @@ pub fn left_for_others(
 ) -> Option<(Reduced, Vec<f64>)> {
     let free = asked.free_motion();
     let view = asked.view(law, free.as_deref(), false);
-    let found = presolve::reduce(&view, 1, &|_| None, &mut Remembered::default());
+    let found = presolve::reduce(&view, 1, &|_| None, None);
     let Found::Reduced(mut reduced) = found else {
         return None;
     };
@@ -363,12 +363,12 @@ pub fn left_for_others(
 
 /// Solve the system from the impulses `start`; None where the caller interrupts it.
 ///
-/// What presolve remembers saves time, and changes no result.
+/// Who solves one system after the other has what presolve remembers.
 pub fn solve(
     asked: &impl Stacked,
     effort: &Effort,
     start: Option<&[f64]>,
-    remembered: &mut Remembered,
+    remembered: Option<&mut Remembered>,
     interrupted: Interrupted,
 ) -> Option<Answer> {
     let system = asked.system();

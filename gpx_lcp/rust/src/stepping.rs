@@ -151,7 +151,7 @@ pub fn step(
     solved.start_moved = before.map(|_| effort.program.admit(&system.friction, start, rows));
     let start = before.map(|_| start.as_slice());
     solved.answer =
-        solve(system, effort, start, remembered, interrupted).ok_or(Failure::Interrupted)?;
+        solve(system, effort, start, Some(remembered), interrupted).ok_or(Failure::Interrupted)?;
     let Answer {
         impulse, states, ..
     } = &solved.answer;

@@ -37,8 +37,7 @@ impl Chain {
         if part.form != Form::Velocity || part.rows != 1 || part.matrix.width != 1 {
             return None;
         }
-        let (links, masses) = ordered(part)?;
-        Some(Self { links, masses })
+        ordered(part)
     }
 
     /// The impulses, where the contacts are to cancel b; None where bodies are crushed between two that cannot move.
@@ -88,9 +87,9 @@ impl Link {
 
 const NONE: usize = usize::MAX;
 
-/// The contacts from one end of the chain to the other, and the masses before and behind them; None where they form
+/// The contacts from one end of the chain to the other, with the masses before and behind them; None where they form
 /// anything else.
-fn ordered(part: &Part) -> Option<(Vec<Link>, Vec<f64>)> {
+fn ordered(part: &Part) -> Option<Chain> {
     let matrix = &part.matrix;
     let mut contacts_of = vec![[NONE; 2]; matrix.block_columns];
     // The places of the one or two entries of each contact that are not zero.
@@ -162,7 +161,7 @@ fn ordered(part: &Part) -> Option<(Vec<Link>, Vec<f64>)> {
         contact = next;
         before = entry;
     }
-    (links.len() == ends_of.len()).then_some((links, masses))
+    (links.len() == ends_of.len()).then_some(Chain { links, masses })
 }
 
 /// Puts a number in the first place that is free, if one is.

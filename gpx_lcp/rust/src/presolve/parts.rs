@@ -99,7 +99,7 @@ pub enum Found {
 
 /// What presolve would do, without solving anything.
 pub fn summary(view: &View) -> Summary {
-    match reduce(view, 1, &|_| None, &mut Remembered::default()) {
+    match reduce(view, 1, &|_| None, None) {
         Found::Reduced(reduced) => reduced.summary,
         Found::Islands(islands) => unreduced(view, islands.len()),
         Found::Nothing => unreduced(view, islands::all_islands(view).len()),
@@ -172,14 +172,22 @@ pub fn each<Item: Sync, T: Send>(
     results.into_iter().map(done).collect()
 }
 
-/// What is left of a system; on threads where it is large. `rests` is asked of islands.
-pub fn reduce(view: &View, threads: usize, rests: Rests, remembered: &mut Remembered) -> Found {
-    if let Some(reduced) = remembered.again(view, rests) {
+/// What is left of a system; on threads where it is large. `rests` is asked of islands. What is remembered, where there will
+/// be a next system, saves time, and changes no result.
+pub fn reduce(
+    view: &View,
+    threads: usize,
+    rests: Rests,
+    mut remembered: Option<&mut Remembered>,
+) -> Found {
+    if let Some(remembered) = &mut remembered
+        && let Some(reduced) = remembered.again(view, rests)
+    {
         return Found::Reduced(reduced);
     }
     let threads = Team::worth(threads, view.contacts(), WORTH_REDUCING);
     let mut found = Team::with(threads, |team| found(view, rests, team));
-    if let Found::Reduced(reduced) = &mut found {
+    if let (Found::Reduced(reduced), Some(remembered)) = (&mut found, remembered) {
         remembered.keep(view, reduced);
     }
     found

@@ -13,7 +13,6 @@ use super::records::table;
 use super::system::{PresolveSummary, System, presolve_summary, same_length};
 use crate::exact;
 use crate::gauss_seidel::Stop;
-use crate::presolve::Remembered;
 use crate::program::Program;
 use crate::solving::{self, Answer, Details, Effort, Method, Status};
 
@@ -121,10 +120,7 @@ pub fn solve(
         }
         signal.is_some()
     };
-    let answer = py.detach(|| {
-        let mut remembered = Remembered::default();
-        solving::solve(system, &effort, start, &mut remembered, &interrupted)
-    });
+    let answer = py.detach(|| solving::solve(system, &effort, start, None, &interrupted));
     if let Some(signal) = signal.into_inner().unwrap_or_else(PoisonError::into_inner) {
         return Err(signal);
     }
