@@ -1,12 +1,9 @@
 //! A part that presolve leaves of a system, for solvers outside the core.
 
-use numpy::{
-    PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2, PyReadwriteArray2,
-    PyUntypedArrayMethods,
-};
+use numpy::{PyArray1, PyArray2, PyReadonlyArray2, PyReadwriteArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use super::records::table;
+use super::records::{Blocks, Indices, block_rows, table};
 use super::system::same_length;
 use crate::presolve::{self, Form};
 
@@ -41,24 +38,13 @@ impl Part {
     }
 
     /// Ĵ or A in compressed rows of blocks: starts, columns, blocks (blocks, rows, width), and the number of columns.
-    #[expect(clippy::type_complexity, reason = "the arrays of one matrix")]
     fn matrix<'py>(
         &self,
         py: Python<'py>,
-    ) -> PyResult<(
-        Bound<'py, PyArray1<i32>>,
-        Bound<'py, PyArray1<i32>>,
-        Bound<'py, PyArray3<f64>>,
-        usize,
-    )> {
+    ) -> PyResult<(Indices<'py>, Indices<'py>, Blocks<'py>, usize)> {
         let matrix = &self.part.matrix;
-        let shape = [matrix.columns.len(), matrix.height, matrix.width];
-        Ok((
-            PyArray1::from_iter(py, matrix.starts.iter().map(|&start| start as i32)),
-            PyArray1::from_iter(py, matrix.columns.iter().map(|&column| column as i32)),
-            PyArray1::from_slice(py, &matrix.values).reshape(shape)?,
-            matrix.block_columns,
-        ))
+        let (starts, columns, blocks) = block_rows(py, matrix)?;
+        Ok((starts, columns, blocks, matrix.block_columns))
     }
 
     /// B, (rows n,).

@@ -9,6 +9,7 @@ use pyo3::prelude::*;
 use super::scene::Bodies;
 use crate::bodies::{Bodies as BodyData, Twist};
 use crate::collision::Contact;
+use crate::exact::BlockMatrix;
 use crate::stacking::Stack as StackData;
 
 pyo3::import_exception!(gpx_lcp.errors, ProblemError);
@@ -16,6 +17,8 @@ pyo3::import_exception!(gpx_lcp.errors, ProblemError);
 pub type Floats<'py> = PyReadonlyArray1<'py, f64>;
 pub type Table<'py> = PyReadonlyArray2<'py, f64>;
 type Pairs<'py> = PyReadonlyArray2<'py, u32>;
+pub type Indices<'py> = Bound<'py, PyArray1<i32>>;
+pub type Blocks<'py> = Bound<'py, PyArray3<f64>>;
 
 /// The contacts of one state.
 #[pyclass(frozen, module = "gpx_lcp._core")]
@@ -150,28 +153,14 @@ impl Contacts {
 #[pymethods]
 impl Stack {
     /// The blocks of J and of Ĵ in block compressed sparse rows: (row_starts, columns, blocks, whitened blocks).
-    #[allow(clippy::type_complexity)]
     fn jacobian<'py>(
         &self,
         py: Python<'py>,
-    ) -> PyResult<(
-        Bound<'py, PyArray1<i32>>,
-        Bound<'py, PyArray1<i32>>,
-        Bound<'py, PyArray3<f64>>,
-        Bound<'py, PyArray3<f64>>,
-    )> {
+    ) -> PyResult<(Indices<'py>, Indices<'py>, Blocks<'py>, Blocks<'py>)> {
         let stack = &self.0;
-        let shape = [
-            stack.whitened.columns.len(),
-            stack.layout.rows,
-            stack.layout.columns,
-        ];
-        Ok((
-            PyArray1::from_iter(py, stack.whitened.starts.iter().map(|&start| start as i32)),
-            PyArray1::from_iter(py, stack.whitened.columns.iter().map(|&body| body as i32)),
-            PyArray1::from_slice(py, &stack.blocks).reshape(shape)?,
-            PyArray1::from_slice(py, &stack.whitened.values).reshape(shape)?,
-        ))
+        let (starts, columns, whitened) = block_rows(py, &stack.whitened)?;
+        let blocks = PyArray1::from_slice(py, &stack.blocks).reshape(whitened.dims())?;
+        Ok((starts, columns, blocks, whitened))
     }
 
     /// M⁻¹ as (moving, columns, columns) blocks.
@@ -239,6 +228,19 @@ pub fn rows<T: Element + Copy, const N: usize>(
         )));
     }
     Ok(rows.to_vec())
+}
+
+/// A matrix in compressed rows of blocks: starts, columns, and blocks (blocks, height, width).
+pub fn block_rows<'py>(
+    py: Python<'py>,
+    matrix: &BlockMatrix,
+) -> PyResult<(Indices<'py>, Indices<'py>, Blocks<'py>)> {
+    let shape = [matrix.columns.len(), matrix.height, matrix.width];
+    Ok((
+        PyArray1::from_iter(py, matrix.starts.iter().map(|&start| start as i32)),
+        PyArray1::from_iter(py, matrix.columns.iter().map(|&column| column as i32)),
+        PyArray1::from_slice(py, &matrix.values).reshape(shape)?,
+    ))
 }
 
 pub fn table<'py>(
