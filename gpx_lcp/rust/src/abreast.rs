@@ -75,7 +75,7 @@ pub struct Batch {
     pub bodies: [[u32; LANES]; 2],
     pub visits: Range<usize>,
     /// One in the lanes whose bodies no batch before has.
-    pub first: [Oct; 2],
+    pub fresh: [Oct; 2],
 }
 
 /// Where visits are written side by side, by several threads. Rows that visits share leave some of theirs unused.
@@ -420,8 +420,8 @@ impl<const R: usize, const D: usize, L: Law<R>, S: Rows<R, D>> Work<'_, R, D, L,
     /// Go on from w + β (w - Ĵᵀ x) with the bodies on one side that this sweep has not come to yet, and keep their w.
     #[inline(always)]
     fn carry<V: OctLanes>(&self, batch: &Batch, side: usize, beta: f64, states: &mut [V; D]) {
-        let first = V::load(&batch.first[side]).at_least(V::splat(1.0));
-        if V::bits(first) == 0 {
+        let fresh = V::load(&batch.fresh[side]).at_least(V::splat(1.0));
+        if V::bits(fresh) == 0 {
             return;
         }
         let places = places(self.states_before, &batch.bodies[side]);
@@ -430,8 +430,8 @@ impl<const R: usize, const D: usize, L: Law<R>, S: Rows<R, D>> Work<'_, R, D, L,
         for d in 0..D {
             let (now, last) = (states[d], before[d]);
             let ahead = now.plus_product(V::splat(beta), now - last);
-            states[d] = now.replaced(first, ahead);
-            before[d] = last.replaced(first, now);
+            states[d] = now.replaced(fresh, ahead);
+            before[d] = last.replaced(fresh, now);
         }
         // SAFETY: as above.
         unsafe { V::scatter(&before, &places) };

@@ -142,7 +142,7 @@ impl<const R: usize, const D: usize, S: Source<R, D>> Delassus<R> for Factored<'
                 let begin = visits;
                 visits += batch.contacts.len();
                 let mut bodies = batch.bodies;
-                let first = bodies.map(|side| {
+                let fresh = bodies.map(|side| {
                     Oct(side.map(|body| {
                         let seen = seen.get_mut(body as usize).map(|seen| replace(seen, true));
                         f64::from(u8::from(seen == Some(false)))
@@ -156,7 +156,7 @@ impl<const R: usize, const D: usize, S: Source<R, D>> Delassus<R> for Factored<'
                 sweeper.batches.push(Batch {
                     bodies,
                     visits: begin..visits,
-                    first,
+                    fresh,
                 });
             }
             sweeper.end_colour(first);
