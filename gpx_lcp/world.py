@@ -19,7 +19,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Final, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -39,6 +39,10 @@ from gpx_lcp.solution import Solution
 from gpx_lcp.solve import solve
 from gpx_lcp.solvers import solvers
 from gpx_lcp.staged import Impacts, naming_the_law, solve_step, stacked_system
+
+# Solved, it finds whatever is wrong with settings before the first step does. Two contacts: one alone would not get as
+# far as the solver.
+_PROBE: Final = StackedSystem(np.kron([[2.0, 1.0], [1.0, 2.0]], np.eye(3)), [1.0, 0.0, 0.0] * 2, [0.5, 0.5])
 
 
 class World(Population):
@@ -146,10 +150,7 @@ class World(Population):
             "presolve": presolve,
             **settings,
         }
-        # Two contacts, solved, find whatever is wrong with the settings before the first step does: one alone would not
-        # get as far as the solver.
-        pair = np.kron([[2.0, 1.0], [1.0, 2.0]], np.eye(3))
-        solve(StackedSystem(pair, [1.0, 0.0, 0.0] * 2, [0.5, 0.5]), **self._effort)
+        solve(_PROBE, **self._effort)
         if not isinstance(warm_start, bool):
             raise SettingsError(f"warm_start is {warm_start!r}: it must be True or False")
         self._warm_start = warm_start and solvers()[solver].warm_starts

@@ -86,13 +86,13 @@ def _request(whole: Request, part: _core.Part) -> Request:
 
 
 def _system(part: _core.Part) -> StackedSystem:
-    starts, columns, blocks, bodies = part.matrix()
+    (starts, columns, blocks, bodies), target = part.matrix(), part.target
     width = blocks.shape[2]
-    matrix = sp.bsr_array((blocks, columns, starts), shape=(part.target.size, bodies * width))
+    matrix = sp.bsr_array((blocks, columns, starts), shape=(target.size, bodies * width))
     if not part.of_bodies:
-        return StackedSystem.from_checked(sp.csr_array(matrix), part.target, part.friction)
+        return StackedSystem.from_checked(sp.csr_array(matrix), target, part.friction)
     unit = np.broadcast_to(np.eye(width), (bodies, width, width))
-    return StackedSystem.from_jacobian(matrix, unit, part.target, part.friction)
+    return StackedSystem.from_jacobian(matrix, unit, target, part.friction)
 
 
 def _run(row: Solver, request: Request, began: float) -> Outcome:
