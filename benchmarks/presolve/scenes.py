@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -25,17 +26,19 @@ def swing_load(world: gpx.World) -> None:
 
 @dataclass(frozen=True)
 class PresolveScene:
-    """A scene: what it is, how to make it, steps taken before anything is measured, and what is changed before each.
-
-    `frictionless` where no contact has friction.
-    """
+    """A scene: what it is, how to make it, steps taken before anything is measured, and what is changed before each."""
 
     title: str
     make: Callable[[], gpx.Scene]
     steps_before: int = 0
     threads: int = 1
     change: Callable[[gpx.World], None] = nothing
-    frictionless: bool = False
+
+    @cached_property
+    def frictionless(self) -> bool:
+        """Whether no contact has friction."""
+        scene = self.make()
+        return not any(body.material.friction for body in (*scene.bodies, *scene.fixed))
 
 
 def shaken(scene: gpx.Scene, plane: bool, seed: int = 0) -> gpx.Scene:
@@ -80,15 +83,14 @@ SCENES: Final[Mapping[str, PresolveScene]] = {
     "wall-6-plane": PresolveScene("wall of 6 rows, moving in its plane", lambda: shaken(gpx.scenes.wall(6), True)),
     "arch-25": PresolveScene("arch of 25 stones", lambda: gpx.scenes.arch(25)),
     "cards-4": PresolveScene("house of cards, 4 levels", lambda: gpx.scenes.card_house(4)),
-    "column-100": PresolveScene("column of 100 point masses", lambda: gpx.scenes.column(100), frictionless=True),
+    "column-100": PresolveScene("column of 100 point masses", lambda: gpx.scenes.column(100)),
     "column-100-load": PresolveScene(
-        "column of 100, loads that change", lambda: gpx.scenes.column(100), change=swing_load, frictionless=True
+        "column of 100, loads that change", lambda: gpx.scenes.column(100), change=swing_load
     ),
     "pile-100-smooth": PresolveScene(
         "100 balls without friction in a pit",
         lambda: gpx.scenes.sphere_pile(100, friction=0.0),
         steps_before=150,
-        frictionless=True,
     ),
     "islands-20": PresolveScene("20 towers of 8, moving", lambda: towers(20, 8), threads=2),
     "tower-30-space": PresolveScene("tower of 30, moving in space", lambda: shaken(gpx.scenes.tower(30), False)),
